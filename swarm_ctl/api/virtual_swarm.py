@@ -24,8 +24,8 @@ from swarm_ctl.core.model.messages import (
     StationBeacon,
 )
 from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.vehicle import OVER_M
 from swarm_ctl.core.swarm.hearing import FOLLOW_TICKS
-from swarm_ctl.core.swarm.snapshot import OVER_M
 from swarm_ctl.mavlink.autopilots.timing import streams_hz
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.signing import UNITS_S, Signing

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Final
 
 from swarm_ctl.core.agent.failsafes import FailsafeTrigger, failed
 from swarm_ctl.core.agent.flight_context import FlightContext
@@ -12,8 +13,10 @@ from swarm_ctl.core.agent.return_to_launch import ReturnStage, ReturnToLaunch, d
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Outcome, Phase, Severity
+from swarm_ctl.core.model.plan import Point
 from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S
 from swarm_ctl.core.model.vehicle import (
+    MISPLACED_M,
     Goal,
     LandGoal,
     ReleaseGoal,
@@ -28,6 +31,9 @@ _BRAKE_AT_MOST_S = 3.0
 _ASIDE_AT_MOST_S = 10.0
 """To leave the place above a vehicle that stands there: the filter takes 3 s where there is
 room."""
+WANDERS_M: Final = 1.0
+"""A vehicle that lands leaves its place by less: real PX4s brake late and drift. Two in the air
+make room for both before they land, whatever the unit is."""
 _BESIDE = 0.2
 """So far from r_in to r_out: room for what the stop point does not know, and within the filter's
 own keep-out (0.35)."""
@@ -56,6 +62,11 @@ class Landing:
         self._way_back = way_back
         self._return_at_most_s = math.inf
         self._deserted_since: float | None = None
+        self._room_m = self._plan.law.r_in * self._plan.unit_m + 2.0 * WANDERS_M
+        self._aside_s = -math.inf
+        """When it last made room before it landed."""
+        self._place_m: Point | None = None
+        """Where it is to come down."""
         self._disarmed_since: float | None = None
         self._lands_since: float | None = None
         """Since when a vehicle that we yielded has been in its landing mode [s]."""
@@ -135,7 +146,8 @@ class Landing:
         stage = way_back.update(tick.peers, fix, context.height(fix) if fix else 0.0)
         if stage is ReturnStage.DOWN and not way_back.blocked:
             # Its own start is the place that the plan keeps for it, whoever stands beside it.
-            context.landing_s = context.landing_s or tick.now
+            if context.landing_s is None:
+                context.landing_s, self._place_m = tick.now, way_back.home_m
             return self.land(tick)
         context.reason = context.reason or f"return: {stage.name.lower()}"
         context.target_height_m = way_back.height_m
@@ -152,19 +164,36 @@ class Landing:
         if context.landing_s is None:
             waited = now - self._begun_s
             slow = fix is not None and math.hypot(*fix.velocity_ned_mps[:2]) < _AT_REST_MPS
-            over = self._over_another(tick) and waited < brake_s + _ASIDE_AT_MOST_S
-            if waited < brake_s or not (slow or waited > _BRAKE_AT_MOST_S) or over:
-                return self._hold(tick, ground=over)
+            over, crowded = self._over_another(tick), self._crowded(tick)
+            aside = (over or crowded) and waited < brake_s + _ASIDE_AT_MOST_S
+            if aside:
+                self._aside_s = now
+            braked = slow or now - max(self._begun_s, self._aside_s) > _BRAKE_AT_MOST_S
+            if waited < brake_s or not braked or aside:
+                return self._hold(tick, ground=over and aside, room_m=self._room_m)
             context.landing_s = now
+            self._place_m = fix.position_ned_m[:2] if fix is not None else None
         context.phase = Phase.LAND
         context.controller.rest()
         if view.on_ground and not view.armed and context.trigger is None:
+            context.trigger = self._elsewhere(tick)
             context.progress.finish_step(now)
         elif now - context.landing_s > LANDING_AT_MOST_S:
             why = f"not down after {LANDING_AT_MOST_S:g} s of landing"
             context.trigger = failed(FailsafeAction.LAND, why)
             return self.end(now)
         return LandGoal()
+
+    def _elsewhere(self, tick: Tick) -> FailsafeTrigger | None:
+        """A vehicle that came down elsewhere than it was told has not done its step."""
+        place, fix = self._place_m, tick.newest_fix
+        off_m = math.dist(place, fix.position_ned_m[:2]) if place and fix is not None else 0.0
+        if off_m <= MISPLACED_M:
+            return None
+        what = "its start" if place == self._way_back.home_m else "where its landing began"
+        why = f"the vehicle landed {off_m:.1f} m from {what}"
+        self._context.say(tick.now, Severity.ERROR, why)
+        return failed(FailsafeAction.LAND, why)
 
     def end(self, now: float) -> Goal:
         """The flight is over: on the ground, or with nothing left to fly."""
@@ -185,17 +214,22 @@ class Landing:
         near = tick.peers.near(own, reach * self._plan.unit_m)
         return any(other.down for other in near)
 
-    def _hold(self, tick: Tick, *, ground: bool = False) -> Goal:
+    def _crowded(self, tick: Tick) -> bool:
+        """A vehicle in the air is so near that the two may come under `r_in` while both land."""
+        near = tick.peers.near(complex(*self._context.controller.stop_point_m), self._room_m)
+        return any(not other.down and (other.followed or other.state is None) for other in near)
+
+    def _hold(self, tick: Tick, *, ground: bool = False, room_m: float = 0.0) -> Goal:
         self._context.phase = Phase.HOLD
         if not tick.view.controlled and self._context.progress.step <= 1:
             # still under the autopilot's own take-off
             self._context.controller.rest()
             return LandGoal() if tick.view.armed else StandbyGoal()
         context, fix = self._context, tick.fix
-        if ground and fix is not None:
-            aside = context.controller.keep_clear(tick.peers, ground=True)
-            return context.setpoint(tick.now, fix, aside)
-        return context.keep_clear(tick)
+        if fix is None:
+            return context.keep_clear(tick)
+        aside = context.controller.keep_clear(tick.peers, ground=ground, room_m=room_m)
+        return context.setpoint(tick.now, fix, aside)
 
     def _on_ground(self, tick: Tick) -> bool:
         """The vehicle stands there disarmed."""

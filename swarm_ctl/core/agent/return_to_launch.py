@@ -16,8 +16,9 @@ from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.model.messages import AgentState, Phase
 from swarm_ctl.core.model.plan import Plan, Point, TakeoffStep
 from swarm_ctl.core.model.timeouts import FAR_EVERY_S
+from swarm_ctl.core.model.vehicle import OVER_M
 from swarm_ctl.core.swarm.hearing import hears_all
-from swarm_ctl.core.swarm.snapshot import OVER_M, OtherAircraft, PeerSnapshot
+from swarm_ctl.core.swarm.snapshot import OtherAircraft, PeerSnapshot
 
 HEIGHT_TOLERANCE_M: Final = 0.7
 HOME_TOLERANCE_M: Final = 0.5

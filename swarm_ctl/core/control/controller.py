@@ -26,6 +26,8 @@ from swarm_ctl.core.swarm.snapshot import NO_FORMATION, Formation, PeerSnapshot
 _APPROACH_RATE = 1.0
 """[1/s] of the room that is left: how fast a wish may approach an aircraft that does not fly along.
 Stop points need no more."""
+_ROOM_M = 0.5
+"""Beyond the room that is to be made, at 1 m/s a metre: else the last of it takes for ever."""
 _SKIPPED = 10
 """Ticks: after more of them the vehicle itself has stopped (`SETPOINT_TIMEOUT_S`)."""
 
@@ -133,14 +135,21 @@ class Controller:
         self.send(self.safety_filter.velocity(snapshot, own, wish, avoidance, NO_FORMATION))
         return self.setpoint_mps
 
-    def keep_clear(self, snapshot: PeerSnapshot, *, ground: bool = False) -> Point:
-        """Stay, but make room for an aircraft that comes close: the law's avoidance term alone.
+    def keep_clear(
+        self, snapshot: PeerSnapshot, *, ground: bool = False, room_m: float = 0.0
+    ) -> Point:
+        """Stay, but make room for an aircraft that comes close: the law's avoidance term, and away
+        from each that is nearer than `room_m`.
 
         `ground`: keep clear of vehicles that stand on the ground, too, as before a landing.
         """
         snapshot = snapshot if ground else snapshot.aloft(self._down_m)
-        _, avoidance = self._terms(snapshot, NO_FORMATION)
-        return self._filtered(snapshot, avoidance, NO_FORMATION)
+        _, wish = self._terms(snapshot, NO_FORMATION)
+        own = complex(*self.stop_point_m)
+        for other in snapshot.near(own, room_m):
+            apart = own - other.stop_point
+            wish += apart / max(abs(apart), 1e-9) * (room_m + _ROOM_M - abs(apart))
+        return self._filtered(snapshot, wish, NO_FORMATION)
 
     def rest(self) -> None:
         """No setpoint of ours moves the vehicle in this tick."""

@@ -18,6 +18,12 @@ from swarm_ctl.core.model.rows import row
 
 Vector3 = tuple[float, float, float]
 
+OVER_M: Final = 3.0
+"""A vehicle so much higher than one that stands on the ground flies over it: no approach. Agents
+keep clear of one that is less far below, and the judge counts it."""
+MISPLACED_M: Final = 3.0
+"""A vehicle that comes down so far from where it was told has landed elsewhere: GPS wanders by less
+during a landing. Agents and the judge say so alike."""
 FALLS_MPS: Final = 4.0
 """A vehicle that goes down faster falls: 0.4 s after its motors stop. As delivered, ArduCopter and
 PX4 descend at 1.5 m/s, and land at 1.5 m/s at most."""

@@ -14,10 +14,10 @@ from typing import Final, NamedTuple
 from swarm_ctl.core.model.messages import AgentState, CommandKind, Phase
 from swarm_ctl.core.model.plan import Point
 from swarm_ctl.core.model.timeouts import FAR_LATE_S, PREDICT_S
+from swarm_ctl.core.model.vehicle import OVER_M
 
-OVER_M: Final = 3.0
-"""A vehicle so much higher than one that stands on the ground flies over it: agents keep clear of
-no such one, and the judge counts it as no approach."""
+_HEIGHT_DOUBT_M: Final = 0.5
+"""Agents know two vehicles' own estimates of height; the judge goes by the true ones."""
 TRAFFIC: Final = 0
 """The id of an aircraft that the traffic sensor sees and no peer on the mesh explains."""
 
@@ -109,14 +109,14 @@ class PeerSnapshot:
 
     def aloft(self, down_m: float) -> PeerSnapshot:
         """What an agent at `down_m` of the common frame keeps clear of: without the vehicles that
-        stand on the ground more than `OVER_M` below it."""
+        stand on the ground more than `OVER_M` below it, and what estimates of height err by."""
         return self.without(
             {
                 peer.id
                 for peer in self.peers
                 if peer.down
                 and peer.state is not None
-                and peer.state.position_ned_m[2] - down_m > OVER_M
+                and peer.state.position_ned_m[2] - down_m > OVER_M + _HEIGHT_DOUBT_M
             }
         )
 

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from swarm_ctl.core.law.formation import errors
-from swarm_ctl.core.swarm.snapshot import OVER_M
+from swarm_ctl.core.model.vehicle import OVER_M
 from swarm_ctl.report.folder.flight import CLOCK_S, Flight, Source
 from swarm_ctl.report.folder.truth import Floats
 

@@ -15,18 +15,17 @@ from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.core.model.plan import LandStep, Plan, Point, ReturnStep, TakeoffStep
 from swarm_ctl.core.model.text import agents_named
-from swarm_ctl.core.model.vehicle import FALLS_MPS
+from swarm_ctl.core.model.vehicle import FALLS_MPS, MISPLACED_M
 from swarm_ctl.report.folder.flight import Flight, Source
 from swarm_ctl.report.folder.run_folder import RunFolder
 from swarm_ctl.report.folder.truth import Bools, EventKind, Truth, TruthEvent
 from swarm_ctl.report.judge.distances import PairDistance
 
-LANDING_TOLERANCE_M: Final = 3.0
-"""How far from its landing place a vehicle may come down: what GPS wanders during a landing."""
 HARD_MPS: Final = 3.0
 """A touch-down that breaks a vehicle; autopilots land with 0.5 to 1 m/s."""
-_BRAKE_S: Final = 3.0
-"""A landing begins with coming to rest, at most for so long: where it is then is the place."""
+_SINKS_M: Final = 0.5
+"""A landing begins with coming to rest and making room; where it is when it has sunk by so much is
+the place."""
 _SILENT_S: Final = 3.0
 """Statuses come at 2 Hz: an older one says nothing of the end."""
 _DROP_M: Final = 2.0
@@ -232,16 +231,18 @@ def _landing(run: RunFolder, plan: Plan, k: int, events: list[TruthEvent]) -> It
         yield Finding(FindingKind.EARLY, early[0], (agent,), text)
         return
     known = np.flatnonzero(np.isfinite(flight.points_m[:, k, 0]))
-    after = known[flight.time_s[known] >= begun_s + _BRAKE_S]
+    after = known[flight.time_s[known] >= begun_s]
     if not len(after):
         return
+    sunk_m = flight.position_ned_m[after, k, 2]
+    stands = after[: max(1, int(np.argmax(sunk_m > sunk_m[0] + _SINKS_M)))]
     home = isinstance(plan.steps[numbers[0] - 1], ReturnStep)
     north, east = plan.agent(agent).start
     place: Point = (north * plan.unit_m, east * plan.unit_m)
     if not home:
-        place = tuple(flight.points_m[after[0], k].tolist())
+        place = tuple(flight.points_m[stands[-1], k].tolist())
     away_m = math.dist(place, flight.points_m[known[-1], k].tolist())
-    if away_m > LANDING_TOLERANCE_M:
+    if away_m > MISPLACED_M:
         what = "its start" if home else "where its landing began"
         text = f"{_vehicle(agent)} landed {away_m:.1f} m from {what}"
         yield Finding(FindingKind.MISPLACED, float(flight.time_s[known[-1]]), (agent,), text)

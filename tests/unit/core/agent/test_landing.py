@@ -10,11 +10,12 @@ import pytest
 
 from swarm_ctl.core.agent.failsafes import FailsafeTrigger, failed
 from swarm_ctl.core.agent.flight_context import FlightContext
-from swarm_ctl.core.agent.landing import Landing
+from swarm_ctl.core.agent.landing import WANDERS_M, Landing
 from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Outcome, Phase
 from swarm_ctl.core.model.vehicle import (
+    MISPLACED_M,
     FlyGoal,
     Goal,
     LandGoal,
@@ -213,6 +214,42 @@ def test_the_landing_step_is_done_on_the_ground() -> None:
     landing.land(tick(**GROUNDED))
     assert own.progress.finished
     assert own.phase is Phase.LAND
+
+
+def landed(off_m: float, *, home: bool) -> FlightContext:
+    """An agent whose landing began over its place, and whose vehicle came down `off_m` north."""
+    own = context(RETURNING if home else plan(), step=LAST)
+    landing = Landing(own, ReturnToLaunch(own.plan, OWN))
+    step = landing.come_back if home else landing.land
+    for now in (NOW, NOW + 1.0, NOW + 1.1):
+        step(tick(now=now))
+    step(tick(now=NOW + 20.0, armed=False, on_ground=True, fix=fix(off_m, height_m=0.0)))
+    landing.end(NOW + 20.1)
+    return own
+
+
+@pytest.mark.parametrize(
+    ("home", "what"), [(True, "its start"), (False, "where its landing began")]
+)
+def test_a_landing_elsewhere_is_told_and_has_failed(home: bool, what: str) -> None:
+    """By the constant of the judge."""
+    assert landed(MISPLACED_M - 0.1, home=home).outcome is Outcome.COMPLETED
+    own = landed(MISPLACED_M + 0.1, home=home)
+    assert own.outcome is Outcome.FAILED
+    assert own.reason == f"the vehicle landed 3.1 m from {what}"
+
+
+def test_two_in_the_air_make_room_before_they_land() -> None:
+    """For what both may wander, in metres, whatever the unit is; not for ever."""
+    flight = Flight()
+    r_in_m = flight.context.plan.law.r_in * flight.context.plan.unit_m
+    at = r_in_m + 2.0 * WANDERS_M - 0.1
+    near = peer(2, position_ned_m=(at, 0.0, -8.0), stop_point_m=(at, 0.0))
+    goal = flight.at(3.5, near, peer(3))
+    assert isinstance(goal, FlyGoal)
+    assert goal.velocity_ned_mps[0] < -0.1
+    assert isinstance(flight.at(9.9, near, peer(3)), FlyGoal)
+    assert isinstance(flight.at(13.1, near, peer(3)), LandGoal)
 
 
 # --- the way back ---

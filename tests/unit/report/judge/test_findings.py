@@ -15,12 +15,14 @@ import pytest
 
 from swarm_ctl.core.model.messages import AgentState, Outcome, Phase
 from swarm_ctl.core.model.plan import ReturnStep
+from swarm_ctl.core.model.vehicle import OVER_M
 from swarm_ctl.recording.mcap_recorder import McapRecorder
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.report.folder.flight import Source
 from swarm_ctl.report.folder.manifest import write_manifest
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary
+from swarm_sim.world import pair_distances
 from tests.unit.report.run_folders import (
     END,
     EXIT_CODES,
@@ -389,3 +391,8 @@ def test_a_takeover_that_completes_is_completed(run: Path) -> None:
     assert failed.reason.startswith("agent-3 was ended by SIGKILL")
     write_lines(run / "statuses.jsonl", heard[0], status_of(PLAN, 3, LAND, phase=Phase.LAND))
     assert summarise(run, EXIT_CODES | {"agent-3": -9}).outcome == "failed"
+
+
+def test_the_simulator_counts_the_same_approaches() -> None:
+    """It knows nothing of the controller, so it has the constant once more."""
+    assert pair_distances._OVER_M == OVER_M
