@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import queue
+import select
 import sys
 import threading
 from collections.abc import Callable
@@ -143,7 +144,8 @@ class DashboardScreen:
     @property
     def left(self) -> bool:
         """The operator has closed it, or the reader of the lines that took its place has gone."""
-        return self._left or (self._lines is not None and self._lines.left)
+        lines = self._lines
+        return self._left or (lines is not None and (lines.left or _gone(self._out)))
 
     def show(self, view: SwarmView) -> None:
         """Show it; never waits."""
@@ -180,6 +182,16 @@ class DashboardScreen:
     def leave(self) -> None:
         """No one looks any more."""
         self._left = True
+
+
+def _gone(out: int) -> bool:
+    """The terminal was closed, or no one reads the pipe: a log with nothing to say would not find
+    that out by writing."""
+    if sys.platform == "win32":
+        return False
+    poll = select.poll()
+    poll.register(out, 0)
+    return bool(poll.poll(0))
 
 
 def _with_dashboard(screen: DashboardScreen, watch: Callable[[Screen], None]) -> None:

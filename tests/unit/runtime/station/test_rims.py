@@ -234,3 +234,17 @@ def test_a_dashboard_that_ends_by_an_error_gives_way_to_log_lines(
     assert "the dashboard ended by an error; the station goes on" in said
     assert "IndexError: tuple index out of range" in said
     assert "a word" in said
+
+
+def test_log_lines_in_the_place_of_a_dashboard_end_with_their_terminal() -> None:
+    """Also where there is nothing to say: a station that watches would stay for ever."""
+    ours, theirs = os.openpty()
+    read, write = os.pipe()
+    assert not screens._gone(theirs)
+    assert not screens._gone(write)
+    os.close(ours)
+    os.close(read)
+    assert screens._gone(theirs)
+    assert screens._gone(write)
+    os.close(theirs)
+    os.close(write)
