@@ -190,7 +190,8 @@ class Landing:
         off_m = math.dist(place, fix.position_ned_m[:2]) if place and fix is not None else 0.0
         if off_m <= MISPLACED_M:
             return None
-        what = "its start" if place == self._way_back.home_m else "where its landing began"
+        home = self._way_back.stage is ReturnStage.DOWN and not self._way_back.blocked
+        what = "its start" if home else "where its landing began"
         why = f"the vehicle landed {off_m:.1f} m from {what}"
         self._context.say(tick.now, Severity.ERROR, why)
         return failed(FailsafeAction.LAND, why)
