@@ -305,9 +305,11 @@ def test_a_stranger_sets_no_key_where_there_is_one() -> None:
 
 
 @pytest.mark.parametrize("is_signed", [False, True])
-def test_a_stranger_on_the_agent_s_port_gets_its_setpoints_on_an_open_link_alone(
+def test_a_stranger_on_the_agent_s_port_gets_setpoints_of_a_silent_vehicle_on_an_open_link_alone(
     is_signed: bool,
 ) -> None:
+    """While the vehicle is heard, it stays the partner; without signatures nothing tells the
+    stranger from a vehicle that has moved to another address."""
     (port,) = free_ports(1, socket.SOCK_DGRAM)
     signing = Signing(key_of(SYSID), START) if is_signed else None
     vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -315,11 +317,17 @@ def test_a_stranger_on_the_agent_s_port_gets_its_setpoints_on_an_open_link_alone
     link = VehicleLink(f"udpin:127.0.0.1:{port}", "ardupilot", SYSID, signing=signing)
     with vehicle, stranger, contextlib.closing(link):
         key = key_of(SYSID) if is_signed else None
-        for sender, own_key in ((vehicle, key), (stranger, None)):
-            frame = wire.heartbeat().pack(codec((SYSID, 1), own_key, START + 1))
-            sender.sendto(frame, ("127.0.0.1", port))
-            link.receive(1.0)
-        link.pursue(StandbyGoal(), 1.0)
-        taken = stranger if not is_signed else vehicle
-        taken.settimeout(2.0)
-        assert taken.recv(300)[0] == 0xFD
+        vehicle.settimeout(2.0)
+        stranger.settimeout(2.0)
+
+        def hears_setpoints(now: float, *senders: tuple[socket.socket, bytes | None]) -> None:
+            for sender, own_key in senders:
+                frame = wire.heartbeat().pack(codec((SYSID, 1), own_key, START + 1))
+                sender.sendto(frame, ("127.0.0.1", port))
+                link.receive(now)
+            link.pursue(StandbyGoal(), now)
+
+        hears_setpoints(1.0, (vehicle, key), (stranger, None))
+        assert vehicle.recv(300)[0] == 0xFD
+        hears_setpoints(3.0, (stranger, None))
+        assert (stranger if not is_signed else vehicle).recv(300)[0] == 0xFD
