@@ -151,7 +151,9 @@ class Landing:
             return self.land(tick)
         context.reason = context.reason or f"return: {stage.name.lower()}"
         context.target_height_m = way_back.height_m
-        if fix is None or stage not in (ReturnStage.FLY, ReturnStage.DOWN):
+        # An agent that hears nobody stands still until that is over, or it gives the way back up.
+        stands = stage not in (ReturnStage.FLY, ReturnStage.DOWN) or deserted(tick.peers)
+        if fix is None or stands:
             return context.keep_clear(tick)
         speed = self._plan.policies.return_speed_mps
         velocity = context.controller.go_to(tick.peers, way_back.home_m, speed)
