@@ -3,8 +3,8 @@ recording or a bridge is caught, said and counted, while the flight goes on."""
 
 from __future__ import annotations
 
-import threading
 import traceback
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, ParamSpec, TypeVar
@@ -44,8 +44,7 @@ class Rim:
         self._most = most
         self._in_row = 0
         self._told: set[bool] = set()
-        self._new: list[Trouble] = []
-        self._lock = threading.Lock()
+        self._new: deque[Trouble] = deque()
 
     @property
     def off(self) -> bool:
@@ -66,18 +65,15 @@ class Rim:
 
     def note(self, error: Exception) -> None:
         """Count an error that was caught elsewhere."""
-        with self._lock:
-            self.count += 1
-            self._in_row += 1
-            if self.off not in self._told:  # once that it failed, once that it is off
-                self._told.add(self.off)
-                self._new.append(Trouble(self.part, explained(error), self.off))
+        self.count += 1
+        self._in_row += 1
+        if self.off not in self._told:  # once that it failed, once that it is off
+            self._told.add(self.off)
+            self._new.append(Trouble(self.part, explained(error), self.off))
 
     def troubles(self) -> list[Trouble]:
         """What is new since the last call."""
-        with self._lock:
-            new, self._new = self._new, []
-        return new
+        return [self._new.popleft() for _ in range(len(self._new))]
 
 
 def explained(error: Exception) -> str:

@@ -129,7 +129,7 @@ class Polled:
 
     def __init__(self, inner: Transport, swarm: list[VirtualSwarm]) -> None:
         self._inner, self._swarm = inner, swarm
-        self.publish, self.close = inner.publish, inner.close
+        self.publish, self.close, self.refused = inner.publish, inner.close, inner.refused
 
     def subscribe(self, key_expression: str, *, timed: bool = False) -> Inlet:
         inlet = self._inner.subscribe(key_expression, timed=timed)
