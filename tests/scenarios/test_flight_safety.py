@@ -336,7 +336,8 @@ def test_an_estimate_that_is_no_longer_told_is_not_good(
 def test_a_mission_faster_than_a_vehicle_stays_on_the_ground(
     autopilot: str, parameter: str, value: float, refusal: str
 ) -> None:
-    swarm = VirtualSwarm(of_kind(mission(""), autopilot))
+    fast = mission("", head="vehicle: {limits: {speed_mps: 5}}\n")
+    swarm = VirtualSwarm(of_kind(fast, autopilot))
     second(swarm, parameter, value)
     swarm.run(20)
     assert swarm.phases() == {Phase.PREPARE}

@@ -44,7 +44,7 @@ class ReturnStage(IntEnum):
 
     CLIMB = 0
     WAIT = 1
-    """It makes room for a peer with a lower id."""
+    """It makes room for a peer with a lower id, or hears no peer."""
     FLY = 2
     DOWN = 3
 
@@ -80,14 +80,17 @@ class ReturnToLaunch:
         elif self._at_height_since is None:
             self._at_height_since = now
         if self._at_height_since is not None and now - self._at_height_since >= self._settle_s:
-            self.stage = ReturnStage.FLY
+            self.stage = ReturnStage.WAIT if deserted(peers) else ReturnStage.FLY
         return self.stage
 
     def _fly(self, peers: PeerSnapshot, fix: OwnFix) -> None:
         now = peers.now_s
         moves = math.hypot(*fix.velocity_ned_mps[:2]) >= _SLOW_MPS
+        if deserted(peers):
+            self.stage = ReturnStage.WAIT
         if self.stage is ReturnStage.WAIT:
-            if not any(self._goes_first(peer) for peer in self._beside(peers, fix)):
+            first = any(self._goes_first(peer) for peer in self._beside(peers, fix))
+            if not first and not deserted(peers):
                 self.stage, self._still_since = ReturnStage.FLY, None
             return
         if moves:

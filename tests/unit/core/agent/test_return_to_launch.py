@@ -82,6 +82,7 @@ def test_it_stays_a_second_at_its_height_first() -> None:
 
 # --- in each other's way ---
 
+FAR_OFF = peer(3, stop_point_m=(200.0, 0.0))
 BLOCKS: list[tuple[str, list[OtherAircraft], ReturnStage, bool]] = [
     ("nobody", [peer(1, NEVER), peer(3, NEVER)], DOWN, True),
     ("a lower id flies", [returning(1, FLY), peer(3, NEVER)], WAIT, False),
@@ -90,7 +91,7 @@ BLOCKS: list[tuple[str, list[OtherAircraft], ReturnStage, bool]] = [
     ("a lower id lands", [returning(1, DOWN), peer(3, NEVER)], FLY, False),
     ("a lower id lands in place", [stays(1, Phase.LAND), peer(3, NEVER)], FLY, False),
     ("a higher id flies", [peer(1, NEVER), returning(3, FLY)], FLY, False),
-    ("a lower id that is silent", [returning(1, FLY, age_s=1.01), peer(3, NEVER)], DOWN, True),
+    ("a lower id that is silent", [returning(1, FLY, age_s=1.01), FAR_OFF], DOWN, True),
     ("one that hovers for good", [stays(1, Phase.HOLD), peer(3, NEVER)], DOWN, True),
     (
         "a lower id far away",
@@ -180,3 +181,14 @@ def test_home_is_the_own_start() -> None:
     assert ReturnToLaunch(plan(), 3).home_m == (0.0, 20.0)
     moved = replace(plan(), unit_m=1.0)
     assert ReturnToLaunch(moved, 3).home_m == (0.0, 10.0)
+
+
+def test_an_agent_that_hears_no_peer_sets_out_on_no_way_and_stops_on_one() -> None:
+    """It goes on where a peer is heard again."""
+    silent, way = (peer(2, 2.0), peer(3, 2.0)), ReturnToLaunch(plan(), 1)
+    for now in (NOW, NOW + 1.0, NOW + 2.0):
+        way.update(snapshot(*silent, now=now), fix(40.0), way.height_m)
+    assert way.stage is WAIT
+    heard = snapshot(peer(2), peer(3), now=NOW + 3.0)
+    assert way.update(heard, fix(40.0), way.height_m) is FLY
+    assert way.update(snapshot(*silent, now=NOW + 4.0), fix(40.0), way.height_m) is WAIT
