@@ -82,7 +82,7 @@ def test_ctrl_c_is_the_runs(tmp_path: Path) -> None:
         code, shown = terminal.wait_for_end()
         assert code == 130
         up = "the vehicles of agents 1-3 may be in the air"
-        assert f"failed: ended by a second Ctrl-C: {up}\n" in shown
+        assert f"FAILED: ended by a second Ctrl-C: {up}\n" in shown
 
 
 @needs_tmux
