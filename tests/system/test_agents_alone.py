@@ -153,10 +153,10 @@ def test_an_agent_is_killed_and_started_again(
 def test_ctrl_c_ends_the_wait_for_a_plan(mission: LoadedMission) -> None:
     """An agent that waits has no vehicle to look after: it ends at once."""
     at = mission.fleet.agents[0].mesh or ""
-    waiting = agent(Path("pair@3fa9c1"), 1, time.monotonic(), 1.0, "--mesh", at)
+    waiting = agent(Path("pair@3fa9c1d2e4b5"), 1, time.monotonic(), 1.0, "--mesh", at)
     with ended([waiting]):
         assert waiting.stderr is not None
-        assert waiting.stderr.readline().startswith(b"agent: waits 60 s for pair@3fa9c1")
+        assert waiting.stderr.readline().startswith(b"agent: waits 60 s for pair@3fa9c1d2e4b5")
         waiting.send_signal(signal.SIGINT)
         assert waiting.wait(10) == 130
 
@@ -170,7 +170,7 @@ def test_one_agent_lands_on_sigint(mission: LoadedMission) -> None:
         alone.send_signal(signal.SIGINT)
         assert alone.wait(30) == 0
         told = alone.stderr.read().decode()
-        assert told == "agent: aborted: the process that started this agent is gone\n"
+        assert told.endswith("agent: aborted: Ctrl-C\n")
 
 
 @pytest.mark.parametrize(
