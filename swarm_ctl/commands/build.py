@@ -196,7 +196,9 @@ def _move(order: Order, swarm: SwarmNow) -> MoveStep:
     if not 0 < speed <= most:
         raise InputError(f"move at {speed:g} m/s; allowed: above 0, at most {most:g} m/s")
     shift = np.array((north, east)) - centre
-    _fenced("move", swarm.plan, {i: np.array(at) + shift for i, at in points_m.items()})
+    if swarm.plan.fence is None or inside(swarm.plan.fence.polygon_m, (north, east)):
+        # a centre outside is refused by the agents themselves
+        _fenced("move", swarm.plan, {i: np.array(at) + shift for i, at in points_m.items()})
     return MoveStep(((north, east),), speed, _TOLERANCE_M, _SETTLE_S, _NO_END_S)
 
 

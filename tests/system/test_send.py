@@ -81,8 +81,10 @@ def test_an_operator_commands_from_the_shell(tmp_path: Path, typed: Typed) -> No
             ),
         )
         assert send("move", "nan", "0")[0] == 2
-        code, said = send("move", "6000", "0")
-        assert (code, "would be outside the geofence" in said) == (2, True), said
+        assert send("move", "6000", "0") == (
+            1,
+            "agents 1-3: refused: (6000, 0) m: outside the geofence",
+        )
         assert send("form", "row") == (0, "agents 1-3: accepted")
         assert send("next") == (0, "agents 1-3: accepted")
         running.wait_for_event("step 4:", 3)

@@ -131,7 +131,7 @@ def test_a_move_or_shape_that_brings_any_agent_out_of_the_fence_is_refused() -> 
     near = replace(SWARM, plan=replace(PLAN, fence=fence))
     build(Order("move", ("0", "0")), near, HEXAGON)
     with pytest.raises(InputError, match=r"move: agent [1-6] would be outside the geofence"):
-        build(Order("move", ("190", "0")), near, HEXAGON)
+        build(Order("move", ("185", "0")), near, HEXAGON)
     small = replace(fence, polygon_m=((-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)))
     with pytest.raises(
         InputError, match=r"form hexagon: agent [1-6] would be outside the geofence"
