@@ -76,7 +76,7 @@ class Swarm:
     def state(self, i: int) -> AgentState:
         place = (self.at[i].real, self.at[i].imag)
         return AgentState(
-            *(i, self.seq, self.now, 0, Phase.FLY, 2, False, True),
+            *(i, self.seq, self.now, PLAN.hash(), Phase.FLY, 2, False, True),
             *((*place, -8.0), (0.0, 0.0, 0.0), place, (0.0, 0.0)),
             exchange=self.dealers[i].exchange,
         )
