@@ -70,7 +70,7 @@ def test_json_lines_are_all_that_is_on_stdout(whole: Whole) -> None:
     lines = [json.loads(line) for line in whole.stdout.splitlines()]
     assert {agent["phase"] for agent in lines[-1]["agents"]} == {"ended"}, whole.stderr
     assert {line["version"] for line in lines} == {1}
-    assert "summary:" in whole.stderr
+    assert "hexagon: COMPLETED" in whole.stderr
 
 
 def test_a_whole_run_is_recorded_and_reported(whole: Whole) -> None:

@@ -38,7 +38,7 @@ class Bench:
         while (report := work.step(self.now)) is None:
             self.now += 0.05
             while (data := self.far.read()) is not None:
-                self.hub.receive(0, data, ("bench", 1))
+                self.hub.receive(0, data, ("127.0.0.1", 1))
             while self.hub.world.next_s <= self.now:
                 self.hub.step()
         return report
