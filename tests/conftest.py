@@ -27,6 +27,10 @@ from hypothesis import settings
 from xdist.remote import Producer
 from xdist.scheduler import LoadGroupScheduling
 
+if hasattr(signal, "SIGHUP"):
+    # Under nohup it is ignored, by all children as well; tests close terminals.
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
 WORKERS = 3
 RUNS, LINKS = "runs", "links"
 REALTIME = {"system": RUNS, "hosts": RUNS, "autopilots": RUNS, "protocol": LINKS}
