@@ -39,7 +39,7 @@ def test_the_action_flies_and_keeps_summary_and_junit(tmp_path: Path) -> None:
     assert ended.returncode == 0, ended.stderr
     cases = ElementTree.parse(tmp_path / "flown here" / "junit.xml").findall(".//testcase")  # noqa: S314 - ours
     assert cases
-    assert "completed" in summary.read_text()
+    assert "COMPLETED" in summary.read_text()
     assert list((tmp_path / "flown here" / "runs").glob("*/summary.json"))
 
 
