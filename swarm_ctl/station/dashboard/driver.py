@@ -35,8 +35,17 @@ class TtyDriver(LinuxDriver):
         self.input_tty = True
 
     def _hung_up(self) -> None:
-        """The terminal was closed: no key comes any more. (Such a terminal is always readable.)"""
+        """The terminal was closed: no key comes any more. Such a terminal is always readable, so
+        the thread that reads keys may be between its look and its read: the byte is what it gets,
+        or it would wait for ever, and the station for it."""
+        os.write(self._silence[1], b"\0")
         os.dup2(self._silence[0], self._keys)
+
+    def _sigcont_application(self, *_: object) -> None:
+        """Begin anew. The kernel says this beside a hang-up, too, when nothing was suspended: a
+        second thread would read keys beside the first."""
+        self.disable_input()
+        super()._sigcont_application()
 
     def close(self) -> None:
         """Give the terminal back."""
