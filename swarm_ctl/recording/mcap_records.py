@@ -33,6 +33,8 @@ TORN: Final = (McapError, struct.error, ValueError, EOFError, zstandard.ZstdErro
 """What is raised where a file ends in the middle of a record, or is damaged."""
 _HEADER: Final = struct.Struct("<BQ")
 """Opcode and length of each record."""
+_END: Final = struct.Struct("<BQQQI8s")
+"""The footer (header, starts of the summary and of its offsets, checksum) and the last bytes."""
 _MESSAGE: Final = struct.Struct("<HIQQ")
 """Channel, sequence, log time and publish time of a message; its data follow."""
 _READ: Final[dict[int, Any]] = {
@@ -98,7 +100,8 @@ def records_of(file: IO[bytes], damage: RecordingDamage | None = None) -> Iterat
             raise InputError(f"a record has {length} bytes; allowed: up to {RECORD_BYTES}")
         kind = _READ.get(opcode)
         if kind is None and opcode != Opcode.MESSAGE:
-            file.seek(length, os.SEEK_CUR)
+            if len(file.read(length)) < length:  # a damaged length skips what can be read
+                raise EOFError
             continue
         data = file.read(length)
         if len(data) < length:
@@ -130,9 +133,25 @@ def mended(file: IO[bytes], damage: RecordingDamage) -> Iterator[Any]:
             if damage.expanded > MOST_EXPANDED * file.tell() or not (found or damage.chunks):
                 raise
         if found is None:
-            return
+            found = _summary(file)
+            if found is None:
+                return
         damage.bad += 1
+        if found <= place:
+            return
         file.seek(found)
+
+
+def _summary(file: IO[bytes]) -> int | None:
+    """Where a whole file's summary begins: what has no further chunk is damaged there, not cut off.
+    None for a file without an end."""
+    size = file.seek(0, os.SEEK_END)
+    file.seek(max(0, size - _END.size))
+    end = file.read()
+    if len(end) < _END.size or not end.endswith(MCAP0_MAGIC):
+        return None
+    opcode, _, start, *_ = _END.unpack(end)
+    return int(start) if opcode == Opcode.FOOTER and start < size else 0
 
 
 def _next_chunk(file: IO[bytes], place: int) -> int | None:
