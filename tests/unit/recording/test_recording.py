@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import re
 import threading
 from collections import Counter
 from collections.abc import Iterator
@@ -187,8 +188,8 @@ def test_cut_anywhere_it_is_recovered(
 def test_a_flipped_byte_costs_a_chunk_and_no_more(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """At 150 places of a file: all other chunks are read, what is lost is said with its numbers,
-    and no byte of the file is written."""
+    """At 150 places of a file, and at each byte of each chunk's head: all other chunks are read,
+    what is lost is said with its numbers, and no byte of the file is written."""
     monkeypatch.setattr(mcap_recorder, "_CHUNK_WALL_S", 0.02)
     made = McapRecorder(tmp_path, START_NS, {}, None)
     for k, (payload, heard_s) in enumerate(flight(6)):
@@ -203,8 +204,10 @@ def test_a_flipped_byte_costs_a_chunk_and_no_more(
     assert len(chunks) >= 5
     last = data.rindex(b"zstd")  # behind it are index and footer
     rng, said = random.Random(5), 0
-    for _ in range(150):
-        at = rng.randrange(data.index(b"zstd"), last)
+    packed = [found.start() for found in re.finditer(rb"\x04\x00\x00\x00zstd", data)]
+    heads = [start - 37 + k for start in packed[: len(chunks)] for k in range(9)]
+    places = [rng.randrange(data.index(b"zstd"), last) for _ in range(150)]
+    for at in heads + places:
         path.write_bytes(flipped := data[:at] + bytes([data[at] ^ 0xFF]) + data[at + 1 :])
         damage = RecordingDamage()
         found = [message.data for message in messages(tmp_path, damage)]
