@@ -104,7 +104,7 @@ class VirtualSwarm:
         count = len(mission.plan.agents)
         self._closest_m = np.full((count, count), np.inf)
         self.station_alive = True
-        self.lifeline_cut = ""
+        self.told_to_end = ""
         self._ticks = 0
         self.mesh = MemoryHub(self._time_s, held=lockstep)
         self._station = Node(MemoryTransport(self.mesh), "test", "station")
@@ -215,7 +215,7 @@ class VirtualSwarm:
             clocks=[(news, member.clock(at)) for news, at in member.node.take(keys.CLOCK)],
             beacons=[(beacon, member.clock(at)) for beacon, at in member.node.take(keys.BEACON)],
             commands=[command for command, _ in member.node.take(keys.COMMAND)],
-            lifeline_cut=self.lifeline_cut,
+            told_to_end=self.told_to_end,
             bad_payloads=member.node.bad_payloads,
             refused=member.node.refused,
         )

@@ -109,11 +109,11 @@ def test_survivors_go_on_if_the_mission_says_so(hexagon: LoadedMission) -> None:
 
 
 @pytest.mark.parametrize("step", [0, TAKEOFF, FORM, on_demand(HOLD)])
-def test_lifeline_cut(hexagon: LoadedMission, step: int) -> None:
+def test_told_to_end(hexagon: LoadedMission, step: int) -> None:
     """When `run` is gone, agents land (or end at once where nothing flies yet)."""
     swarm = at_step(hexagon, step)
     swarm.run(1)
-    swarm.lifeline_cut = "the process that started this agent is gone"
+    swarm.told_to_end = "the process that started this agent is gone"
     start = swarm.now
     swarm.fly(400)
     assert set(swarm.outcomes().values()) == {"aborted"}

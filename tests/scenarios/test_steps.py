@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarm_ctl.core.agent.return_to_launch import ReturnStage
 from swarm_ctl.core.law.formation import formation_error
 from swarm_ctl.core.law.planned_formation import planned_formations
-from swarm_ctl.core.model.messages import Phase
+from swarm_ctl.core.model.messages import Phase, ReturnStage
 from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.mission.compile.loader import LoadedMission, load, loads
 from tests.on_demand import on_demand

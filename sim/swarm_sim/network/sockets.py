@@ -170,7 +170,8 @@ def open_socket(endpoint: str) -> VehicleSocket:
 
 
 def _way_to(peer: Address) -> str:
-    """The own address on the network of `peer`: on the others nobody reaches the socket."""
+    """The own address on the network of `peer`: computers of other networks don't reach the
+    socket."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.connect(peer)  # sends nothing
         return str(probe.getsockname()[0])

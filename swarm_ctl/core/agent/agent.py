@@ -77,7 +77,7 @@ class Inbox:
     clocks: Sequence[tuple[ClockNews, float]] = ()
     beacons: Sequence[tuple[StationBeacon, float]] = ()
     commands: Sequence[Command] = ()
-    lifeline_cut: str = ""
+    told_to_end: str = ""
     """Why this agent is to end: its starter is gone, a signal came; '' while it is not."""
     tick: Callable[[], TickReport] = TickReport
     """The loop's punctuality; asked only when a status is due."""
@@ -184,7 +184,7 @@ class Agent:
         self._station: HeardStation | None = None
         self._notes: list[ParameterNote] = []
         self._attention = Attention()
-        self._lifeline_cut = ""
+        self._told_to_end = ""
         self._seq = 0
         self._status_due = self._sigma_due = now
         self._refused_said = RefusalsSaid()
@@ -246,7 +246,7 @@ class Agent:
         for beacon, received_s in inbox.beacons:
             self._station = (beacon, received_s)
         self._update_gains(now, believed)
-        self._lifeline_cut = self._lifeline_cut or inbox.lifeline_cut
+        self._told_to_end = self._told_to_end or inbox.told_to_end
         for text in inbox.view.texts:
             context.say(now, Severity.WARNING, f"vehicle: {text}")
         self._notes += inbox.view.notes
@@ -387,7 +387,7 @@ class Agent:
                 context.progress,
                 had_control=context.had_control,
                 was_armed=context.was_armed,
-                lifeline_cut=self._lifeline_cut,
+                told_to_end=self._told_to_end,
                 ordered=self._command_handler.ordered,
                 stop_point_m=context.controller.stop_point_m,
                 height_m=context.height(fix) if fix is not None else 0.0,

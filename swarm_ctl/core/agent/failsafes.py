@@ -13,10 +13,16 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from swarm_ctl.core.agent.progress import Progress
-from swarm_ctl.core.agent.return_to_launch import ReturnStage
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
-from swarm_ctl.core.model.messages import AgentState, CommandKind, Outcome, Phase, StepOutcome
+from swarm_ctl.core.model.messages import (
+    AgentState,
+    CommandKind,
+    Outcome,
+    Phase,
+    ReturnStage,
+    StepOutcome,
+)
 from swarm_ctl.core.model.plan import LandStep, Plan, Point, Policy, ReturnStep
 from swarm_ctl.core.model.rows import row
 from swarm_ctl.core.model.text import agents_named
@@ -48,7 +54,7 @@ class Situation:
     had_control: bool
     """The vehicle has followed our setpoints in this flight."""
     was_armed: bool
-    lifeline_cut: str
+    told_to_end: str
     ordered: CommandKind | None
     """`LAND`, `RETURN` or `KILL` once an operator has commanded it."""
     stop_point_m: Point
@@ -140,10 +146,10 @@ _ORDERED: Final = {
 }
 
 
-def _lifeline_cut(s: Situation) -> FailsafeTrigger | None:
-    if not s.lifeline_cut:
+def _told_to_end(s: Situation) -> FailsafeTrigger | None:
+    if not s.told_to_end:
         return None
-    return FailsafeTrigger(FailsafeAction.LAND, Outcome.ABORTED, s.lifeline_cut)
+    return FailsafeTrigger(FailsafeAction.LAND, Outcome.ABORTED, s.told_to_end)
 
 
 def _vehicle_fault(s: Situation) -> FailsafeTrigger | None:
@@ -345,7 +351,7 @@ def _too_windy(s: Situation) -> FailsafeTrigger | None:
 
 CHECKS: Final[dict[Check, Cause]] = {
     _by_order: Cause.ORDER,
-    _lifeline_cut: Cause.STARTER,
+    _told_to_end: Cause.STARTER,
     _vehicle_fault: Cause.VEHICLE,
     _disarmed: Cause.PILOT,
     _taken_over: Cause.PILOT,

@@ -9,10 +9,10 @@ from typing import Final
 
 from swarm_ctl.core.agent.failsafes import FailsafeTrigger, failed
 from swarm_ctl.core.agent.flight_context import FlightContext
-from swarm_ctl.core.agent.return_to_launch import ReturnStage, ReturnToLaunch, deserted
+from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch, deserted
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
-from swarm_ctl.core.model.messages import Outcome, Phase, Severity
+from swarm_ctl.core.model.messages import Outcome, Phase, ReturnStage, Severity
 from swarm_ctl.core.model.plan import Point
 from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S
 from swarm_ctl.core.model.vehicle import (
@@ -145,15 +145,13 @@ class Landing:
             return self.land(tick)
         stage = way_back.update(tick.peers, fix, context.height(fix) if fix else 0.0)
         if stage is ReturnStage.DOWN and not way_back.blocked:
-            # Its own start is the place that the plan keeps for it, whoever stands beside it.
+            # The plan keeps its own start for it, whichever vehicle stands beside that.
             if context.landing_s is None:
                 context.landing_s, self._place_m = tick.now, way_back.home_m
             return self.land(tick)
         context.reason = context.reason or f"return: {stage.name.lower()}"
         context.target_height_m = way_back.height_m
-        # An agent that hears nobody stands still until that is over, or it gives the way back up.
-        stands = stage not in (ReturnStage.FLY, ReturnStage.DOWN) or deserted(tick.peers)
-        if fix is None or stands:
+        if fix is None or stage not in (ReturnStage.FLY, ReturnStage.DOWN):
             return context.keep_clear(tick)
         speed = self._plan.policies.return_speed_mps
         velocity = context.controller.go_to(tick.peers, way_back.home_m, speed)

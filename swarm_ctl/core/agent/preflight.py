@@ -70,7 +70,8 @@ class Preflight:
     def caution(self, tick: Tick) -> str:
         """What the operator should know before the vehicle arms, although it may; ''.
 
-        A wind limit that nobody chose is no news: no vehicle as delivered estimates the wind."""
+        A wind limit that the mission does not state is no news: no vehicle as delivered estimates
+        the wind."""
         policies, usual, cautions = self.plan.policies, Policies(), []
         chosen = (policies.wind, policies.wind_limit_mps) != (usual.wind, usual.wind_limit_mps)
         if tick.view.battery_percent is None and policies.battery_low is not Policy.CONTINUE:

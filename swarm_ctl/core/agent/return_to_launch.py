@@ -9,11 +9,10 @@ can't go on lands where it is, and says so.
 from __future__ import annotations
 
 import math
-from enum import IntEnum
 from typing import Final
 
 from swarm_ctl.core.control.navigation import OwnFix
-from swarm_ctl.core.model.messages import AgentState, Phase
+from swarm_ctl.core.model.messages import AgentState, Phase, ReturnStage
 from swarm_ctl.core.model.plan import Plan, Point, TakeoffStep
 from swarm_ctl.core.model.timeouts import FAR_EVERY_S
 from swarm_ctl.core.model.vehicle import OVER_M
@@ -37,16 +36,6 @@ _LAYERS: Final = 3
 last of sixteen climbed by 45 m."""
 _CLEAR_M: Final = 1.0
 """Above `OVER_M`, so that vehicles on the ground are flown over."""
-
-
-class ReturnStage(IntEnum):
-    """How far the way back is; on the wire as `AgentState.stage`."""
-
-    CLIMB = 0
-    WAIT = 1
-    """It makes room for a peer with a lower id, or hears no peer."""
-    FLY = 2
-    DOWN = 3
 
 
 class ReturnToLaunch:

@@ -14,16 +14,18 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 from swarm_ctl.core.model.messages import Frame
 from swarm_ctl.core.model.plan import MoveStep, Point, RotateStep, ScaleStep, Step
 from swarm_ctl.core.swarm.plausibility import JUMP_M
 
 _BESIDE_M: Final = 1.0
-"""Of its way; in a small formation `_SMALL` of its radius."""
+"""Of its way: what rounding, and a leader that changes, bring about; in a small formation `_SMALL`
+of its radius, so that no shape is turned or shrunk by more."""
 _SMALL: Final = 0.15
 _FASTER: Final = 1.05
+"""Than the step's speed: two clocks run at the same rate to much less."""
 _PACE_S: Final = 0.5
 """Of the way at full speed: states are at most so late, and clocks are known better."""
 _LATE_S: Final = 10.0
@@ -116,15 +118,14 @@ class FrameBounds:
         return f"its formation is {done_m:.1f} m on its way; allowed: {most_m:.1f} m"
 
 
-class Places:
+class Places(NamedTuple):
     """How far vehicles are from their places in a frame [m]."""
 
-    def __init__(self, worst_m: float, leader_off_m: float, centre_off_m: float) -> None:
-        self.worst_m = worst_m
-        """The farthest peer that is heard."""
-        self.leader_off_m = leader_off_m
-        self.centre_off_m = centre_off_m
-        """The centre, by all that are heard."""
+    worst_m: float
+    """The farthest peer that is heard."""
+    leader_off_m: float
+    centre_off_m: float
+    """The centre, by all that are heard."""
 
 
 def along(start: Frame, frame: Frame, step: Step, radius_m: float) -> tuple[float, float]:

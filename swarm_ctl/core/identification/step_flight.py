@@ -151,7 +151,7 @@ class StepFlight:
         if self._agent is None:
             return self._look(now, view)
         self._stop = self._stop or _traffic(view)
-        actions = self._agent.step(now, Inbox(view, lifeline_cut=self._stop))
+        actions = self._agent.step(now, Inbox(view, told_to_end=self._stop))
         self.said += [event.text for event in actions.events]
         if actions.ended is not None:
             reason = (

@@ -109,6 +109,16 @@ class Frame:
     """Speed now, as a share of the step's."""
 
 
+class ReturnStage(IntEnum):
+    """How far the way back is (`core/agent/return_to_launch.py`)."""
+
+    CLIMB = 0
+    WAIT = 1
+    """It makes room for a peer with a lower id, or hears no peer."""
+    FLY = 2
+    DOWN = 3
+
+
 @dataclass(frozen=True, slots=True)
 class ExchangeState:
     """What an agent says of slot exchange (`core/swarm/exchange_protocol.py`). Agents by their
@@ -155,7 +165,7 @@ class AgentState:
     """The shared reference as this agent has it; the pinned agent's is the one that counts
     (`core/control/reference.py`)."""
     stage: int = 0
-    """`ReturnStage` of the way back (`core/agent/return_to_launch.py`)."""
+    """`ReturnStage` of the way back."""
     override: int = 0
     """`Command.tag` of the command that this agent flies instead of the mission's step; 0: none.
     Agents follow only peers with the same override."""

@@ -18,6 +18,7 @@ from swarm_ctl.core.model.messages import (
     AgentStatus,
     Command,
     Payload,
+    ReturnStage,
     SigmaReport,
 )
 from swarm_ctl.core.model.plan import MoveStep, Plan
@@ -25,8 +26,7 @@ from swarm_ctl.core.model.plan import MoveStep, Plan
 _MOST: Final = 1e12
 """Of a figure: seconds since 1970 are 2e9, and squares do not overflow."""
 _MOST_WHOLE: Final = 2**64
-_STAGES: Final = 3
-"""The last `ReturnStage` (`core/agent/return_to_launch.py`)."""
+_STAGES: Final = max(ReturnStage)
 
 
 class InPlan:

@@ -33,9 +33,10 @@ def autopilot(
 
 def flown_by_agent(told: ToldMode) -> bool:
     """The vehicle is armed, in the mode in which agents fly it."""
-    kinds = (kind for kind in AUTOPILOTS.values() if kind.wire_id == told.autopilot)
-    names = {kind.modes.name(told.custom_mode) == kind.controlled_mode for kind in kinds}
-    return told.armed and True in names
+    return told.armed and any(
+        kind.wire_id == told.autopilot and kind.modes.name(told.custom_mode) == kind.controlled_mode
+        for kind in AUTOPILOTS.values()
+    )
 
 
 __all__ = ["AUTOPILOTS", "GUARDED", "Autopilot", "autopilot", "flown_by_agent"]

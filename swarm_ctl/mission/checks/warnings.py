@@ -68,7 +68,8 @@ def _close_starts(mission: MissionFile, plan: Plan) -> Findings:
         more = f" (and {len(close) - 1} more pairs)" if len(close) > 1 else ""
         what = (
             f"agents {i} and {j} start {said(nearest * unit, mission)} apart{more},"
-            f" inside each other's avoidance region (law.r_out, {said(r_out * unit, mission)})"
+            f" inside each other's avoidance region (law.r_out, {said(r_out * unit, mission)}): in"
+            " wind, while the autopilots' own take-offs steer, they may come under law.r_in"
         )
         yield Finding(("agents",), what, "")
 

@@ -259,7 +259,7 @@ def _loop(
             clocks=node.take(keys.CLOCK),
             beacons=node.take(keys.BEACON),
             commands=[command for command, _ in node.take(keys.COMMAND)],
-            lifeline_cut=lifeline.cut(),
+            told_to_end=lifeline.cut(),
             tick=ticker.report,
             bad_payloads=node.bad_payloads,
             refused=lambda at_s: (

@@ -38,12 +38,12 @@ def serve(relay: Relay) -> None:
     while until is None or (wall_s() < until and relay.flying(wall_s())):
         relay.step(wall_s())
         _tell(relay.notes)
-        if until is None and _lifeline_cut():
+        if until is None and _told_to_end():
             until = wall_s() + _LINGER_WALL_S
         pause(_TURN_WALL_S)
 
 
-def _lifeline_cut() -> bool:
+def _told_to_end() -> bool:
     try:
         return not os.read(0, 4096)
     except BlockingIOError:

@@ -137,7 +137,7 @@ def log_list(a: SimAutopilot, _: Message) -> None:
 
 
 def ping(a: SimAutopilot, message: Message) -> None:
-    """A question (for nobody) is answered to who asked, by PX4 alone."""
+    """A PX4 answers a question (a PING without a target) to its sender; an ArduCopter does not."""
     f = message.fields
     if a.autopilot != _ARDUPILOT and not (f["target_system"] or f["target_component"]):
         to = {"target_system": message.source[0], "target_component": message.source[1]}

@@ -19,9 +19,8 @@ from swarm_ctl.core.agent.failsafes import (
     find,
     replaces,
 )
-from swarm_ctl.core.agent.return_to_launch import ReturnStage
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
-from swarm_ctl.core.model.messages import CommandKind, Outcome, Phase, StepOutcome
+from swarm_ctl.core.model.messages import CommandKind, Outcome, Phase, ReturnStage, StepOutcome
 from swarm_ctl.core.model.plan import Fence, Plan, Policies, Policy, ReturnStep
 from swarm_ctl.core.model.vehicle import GlobalFix
 from tests.unit.core.builders import (
@@ -60,7 +59,7 @@ def situation(
         progress(of, step, done=done),
         had_control=True,
         was_armed=True,
-        lifeline_cut="",
+        told_to_end="",
         ordered=None,
         stop_point_m=(0.0, 0.0),
         height_m=8.0,
@@ -133,7 +132,7 @@ ROWS = [
     # the lifeline
     Row(
         "the parent is gone",
-        case(lifeline_cut="the process that started this agent is gone"),
+        case(told_to_end="the process that started this agent is gone"),
         LANDS,
         "started this agent is gone",
         OURS,
@@ -417,7 +416,7 @@ def test_every_check_has_a_row_that_fires_it(check: Callable[[Situation], object
     [
         (case(ordered=CommandKind.LAND), Cause.ORDER),
         (case(ordered=CommandKind.KILL), Cause.ORDER),
-        (case(lifeline_cut="the process that started this agent is gone"), Cause.STARTER),
+        (case(told_to_end="the process that started this agent is gone"), Cause.STARTER),
         (seen(fault="a fixed wing"), Cause.VEHICLE),
         (seen(controlled=False, mode="LOITER"), Cause.PILOT),
         (seen(now=OVER), Cause.TIMEOUT),
@@ -448,7 +447,7 @@ def trigger(action: FailsafeAction, reason: str = "a reason") -> FailsafeTrigger
         (
             {
                 "ordered": CommandKind.KILL,
-                "lifeline_cut": "the process that started this agent is gone",
+                "told_to_end": "the process that started this agent is gone",
             },
             "killed",
         ),
@@ -456,14 +455,14 @@ def trigger(action: FailsafeAction, reason: str = "a reason") -> FailsafeTrigger
         (
             {
                 "ordered": CommandKind.RETURN,
-                "lifeline_cut": "the process that started this agent is gone",
+                "told_to_end": "the process that started this agent is gone",
             },
             "started this agent",
         ),
         (
             {
                 "ordered": CommandKind.LAND,
-                "lifeline_cut": "the process that started this agent is gone",
+                "told_to_end": "the process that started this agent is gone",
             },
             "landed by the operator",
         ),

@@ -10,12 +10,11 @@ import pytest
 
 from swarm_ctl.core.agent.return_to_launch import (
     HEIGHT_TOLERANCE_M,
-    ReturnStage,
     ReturnToLaunch,
     deserted,
     return_height_m,
 )
-from swarm_ctl.core.model.messages import Phase
+from swarm_ctl.core.model.messages import Phase, ReturnStage
 from swarm_ctl.core.model.plan import Fence, Policies
 from swarm_ctl.core.swarm.snapshot import OtherAircraft
 from tests.unit.core.builders import HEIGHT_M, NOW, fix, peer, plan, snapshot
