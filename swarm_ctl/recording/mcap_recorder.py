@@ -162,8 +162,8 @@ class Recorder:
     ) -> None:
         rate_hz = self._rates_hz.get(topic.name, 0.0)
         key = (topic.name, agent)
-        if rate_hz > 0 and said_s < self._due.get(key, 0.0):
-            return
+        if rate_hz > 0 and 0.0 < self._due.get(key, 0.0) - said_s <= 1.0 / rate_hz:
+            return  # farther ahead, the one before was said by no clock that goes on
         self._due[key] = said_s + (1.0 / rate_hz - 1e-9 if rate_hz > 0 else 0.0)
         self._give(topic, agent, time_s, said_s, data)
 
@@ -174,7 +174,11 @@ class Recorder:
         self._to_sinks(lambda sink: sink.write(topic, agent, heard_ns, said_ns, data))
 
     def _nanoseconds(self, time_s: float) -> int:
-        return max(0, self._start_ns + round(time_s * NANO))
+        return min(max(0, self._start_ns + round(time_s * NANO)), _LAST_NS)
+
+
+_LAST_NS: Final = 2**63 - 1
+"""A time that an agent says may be any; the file's have 64 bits, and many readers' a sign."""
 
 
 class McapRecorder(Recorder):

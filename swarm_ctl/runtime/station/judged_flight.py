@@ -38,8 +38,11 @@ from swarm_ctl.runtime.station.mesh_clock import MeshClock
 from swarm_ctl.runtime.station.screens import Screen, Show, present
 from swarm_ctl.runtime.station.station_loop import give, loop, metrics_on
 from swarm_ctl.station.picture.protection import MeshKind
-from swarm_ctl.station.picture.view import AgentView
+from swarm_ctl.station.picture.view import AgentView, SwarmView
 
+_SETTLES_WALL_S: Final = 10.0
+"""From the first agent that is heard, at most: agents that are started together are heard by then,
+and none takes off before all are."""
 _SILENT_S: Final = 60.0
 """Mission time after which a silent agent does not keep the station waiting any more: longer than a
 link that comes back is gone, and than a landing without one takes."""
@@ -100,7 +103,7 @@ def judge_swarm(
 
 class _Flight:
     """What such a station obeys: it ends with the agents, or with the second Ctrl-C. Its record
-    begins with the first agent that is heard, whose clock is the mission's."""
+    begins when the agents are heard: the mission's clock is that of the one which is ahead."""
 
     def __init__(
         self,
@@ -116,6 +119,7 @@ class _Flight:
         self._alive = alive
         self._live = live
         self._asked = False
+        self._heard_wall_s = math.inf
         self._recorder: Accounts | None = None
         self._life = Rim("the sign of life")
         self._begin = Rim("the record of the run", most=1)
@@ -127,7 +131,9 @@ class _Flight:
         self._life.run(self._alive)
         if text := station.shows.run(self._swarm.hint):
             screen.note(text)
-        if self.folder is None and self._swarm.clock.heard:
+        view = station.seen()
+        heard = self._swarm.clock.heard
+        if self.folder is None and heard and (self._settled(view) or self._interrupts.count):
             self._begin.run(self._record, station, screen)
         for trouble in (*self._life.troubles(), *self._begin.troubles()):
             self.unrecorded = trouble.why if trouble.part == self._begin.part else self.unrecorded
@@ -139,11 +145,19 @@ class _Flight:
             give(Order("land"), station, screen)
         if self._interrupts.again or (self._asked and self.folder is None) or screen.left:
             return True
-        view = station.seen()
         if view is None:
             return False
-        heard = [a for a in view.agents if a.in_plan and a.status is not None]
-        return bool(heard) and all(map(_has_ended, heard))
+        told = [a for a in view.agents if a.in_plan and a.status is not None]
+        return bool(told) and all(map(_has_ended, told))
+
+    def _settled(self, view: SwarmView | None) -> bool:
+        """All agents are heard, or some for `_SETTLES_WALL_S`: the mesh's clock follows the agent
+        whose own is ahead of all, and what is recorded before that one is heard is of another
+        clock."""
+        if math.isinf(self._heard_wall_s):
+            self._heard_wall_s = wall.wall_s()
+        all_heard = view is not None and all(a.status is not None for a in view.agents if a.in_plan)
+        return all_heard or wall.wall_s() - self._heard_wall_s > _SETTLES_WALL_S
 
     def _record(self, station: Station, screen: Screen) -> None:
         mission, clock = self._swarm.mission, self._swarm.clock

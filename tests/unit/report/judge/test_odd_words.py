@@ -40,6 +40,7 @@ def on_the_wire(payload: Payload) -> Payload | None:
     st.lists(odd_changes(STATE), min_size=1, max_size=4), st.lists(odd_changes(STATUS), max_size=4)
 )
 @example([{"position_ned_m": (1e300, -1e300, 1e300)}], [])
+@example([{"time_s": 1e13}], [])
 def test_no_recorded_word_breaks_a_report(
     states: list[dict[str, Any]], statuses: list[dict[str, Any]]
 ) -> None:

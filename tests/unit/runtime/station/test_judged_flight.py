@@ -1,0 +1,58 @@
+"""When the record of a judged flight begins: on a clock that moves no more."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from swarm_ctl.core.model.messages import Outcome
+from swarm_ctl.rim import Rim
+from swarm_ctl.runtime.station import judged_flight
+from swarm_ctl.runtime.station.judged_flight import _SETTLES_WALL_S, _Flight
+
+
+class Begins:
+    """A flight of two agents, and whether its record has begun."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now, self.begun = 100.0, False
+        monkeypatch.setattr(judged_flight.wall, "wall_s", lambda: self.now)
+        monkeypatch.setattr(_Flight, "_record", self._record)
+        swarm: Any = SimpleNamespace(clock=SimpleNamespace(heard=True), hint=lambda: "")
+        quiet: Any = SimpleNamespace(count=0, again=False)
+        self._flight = _Flight(swarm, Path(), quiet, lambda: None, [])
+
+    def _record(self, *_: object) -> None:
+        self.begun = True
+
+    def with_heard(self, *heard: bool) -> bool:
+        """A turn in which these agents have told a status; whether the record has begun."""
+        running = SimpleNamespace(outcome=Outcome.RUNNING)
+        agents = [
+            SimpleNamespace(in_plan=True, status=running if told else None, silence_s=0.0)
+            for told in heard
+        ]
+        station: Any = SimpleNamespace(
+            seen=lambda: SimpleNamespace(agents=agents), shows=Rim("what is shown")
+        )
+        screen: Any = SimpleNamespace(left=False)
+        self._flight.obey(station, screen)
+        return self.begun
+
+
+def test_it_begins_when_all_agents_are_heard(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clock jumps to that of an agent which is ahead of those heard before it: what was
+    recorded by then would stand on another clock."""
+    flight = Begins(monkeypatch)
+    assert not flight.with_heard(True, False)
+    assert flight.with_heard(True, True)
+
+
+def test_it_begins_without_an_agent_that_does_not_come(monkeypatch: pytest.MonkeyPatch) -> None:
+    flight = Begins(monkeypatch)
+    assert not flight.with_heard(True, False)
+    flight.now += _SETTLES_WALL_S + 0.1
+    assert flight.with_heard(True, False)
