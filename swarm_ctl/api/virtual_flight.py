@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from swarm_ctl.api.flight import FlightError, FlightResult, SwarmFlight
-from swarm_ctl.api.virtual_swarm import VirtualSwarm
 from swarm_ctl.commands.build import AgentNow, SwarmNow, build
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import CommandSender, SentCommand
@@ -19,6 +18,7 @@ from swarm_ctl.mesh.node import Node
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.view import SwarmView
+from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 
 _WATCHED: Final[tuple[keys.Channel[Any], ...]] = (
     keys.STATE,

@@ -30,7 +30,6 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from swarm_ctl.api.virtual_swarm import VirtualSwarm
 from swarm_ctl.core.agent.agent import Agent
 from swarm_ctl.core.model.arrays import Floats
 from swarm_ctl.core.model.plan import Compensation
@@ -44,6 +43,7 @@ from swarm_ctl.study.batch.lossy_channel import LossyChannel
 from swarm_ctl.study.batch.motion import motion_of
 from swarm_ctl.study.parameter_space import SafetyLevel, StartKind, Study
 from swarm_ctl.study.rows_table import share
+from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 
 MISSION = Path(__file__).parents[2] / "missions" / "thirtytwo.yaml"
 LIMIT_S, TOLERANCE, SETTLE_S, HORIZON_S = 120.0, 0.1, 1.0, 4.0

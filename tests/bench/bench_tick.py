@@ -25,8 +25,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from swarm_ctl.api.virtual_swarm import Member, VirtualSwarm
 from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.virtual.virtual_swarm import Member, VirtualSwarm
 from tests.bench.bench_run import ROOT
 
 PARTS = {

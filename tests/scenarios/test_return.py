@@ -8,10 +8,10 @@ import random
 
 import pytest
 
-from swarm_ctl.api.virtual_swarm import VirtualSwarm
 from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.core.model.vehicle import MISPLACED_M
 from swarm_ctl.mission.compile.loader import loads
+from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 
 HEAD = """\
 version: 1

@@ -8,12 +8,12 @@ from dataclasses import replace
 import pytest
 
 from swarm_ctl.api.virtual_flight import VirtualFlight
-from swarm_ctl.api.virtual_swarm import VirtualSwarm
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.messages import AgentState, Command, Phase
 from swarm_ctl.core.model.plan import FormStep
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.payloads import encode
+from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from tests.on_demand import on_demand
 from tests.scenarios.faults import FORM, IDS, mission
 from tests.scenarios.swarm import flown_once, landing_fast

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.api.virtual_swarm import VirtualSwarm, configuration
 from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.virtual.virtual_swarm import VirtualSwarm, configuration
 from swarm_sim.network.server import DRAIN_S
 from swarm_sim.world.truth_file import TruthFile
 from swarm_sim.world.truth_recorder import TruthRecorder

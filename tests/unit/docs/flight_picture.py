@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from swarm_ctl.api.virtual_swarm import VirtualSwarm
 from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 
 WIDTH: Final = 640
 HEIGHT: Final = 520

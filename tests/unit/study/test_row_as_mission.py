@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from swarm_ctl.api.virtual_swarm import VirtualSwarm
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.study.executor import run_study
 from swarm_ctl.study.parameter_space import Study
 from swarm_ctl.study.rerun import Rerun, rerun, write_mission
+from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from tests.on_demand import on_demand
 
 UNLIKE: dict[str, Any] = {

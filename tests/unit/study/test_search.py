@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from swarm_ctl.api.virtual_swarm import VirtualSwarm
 from swarm_ctl.cli.app import main
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.study.batch.batch import blocks, draw
@@ -23,6 +22,7 @@ from swarm_ctl.study.rerun import rerun, write_mission
 from swarm_ctl.study.rows import Row, rows_of
 from swarm_ctl.study.search import Goal, worst
 from swarm_ctl.study.study_file import study_file
+from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from tests.on_demand import on_demand
 
 STUDIES = Path(__file__).parents[3] / "studies"

@@ -1,0 +1,1 @@
+"""A whole swarm in one process on a virtual clock: scenarios, what flies them, what judges them."""
