@@ -108,6 +108,8 @@ class SimConfig(_StrictConfig):
     origin: Place
     truth_path: Path | None = None
     truth_rate_hz: float = Field(default=10.0, gt=0.0, le=100.0)
+    once: bool = False
+    """End when a vehicle has flown, and all have stood disarmed for 10 s."""
     sensing_range_m: float = Field(default=50.0, ge=0.0)
     vehicles: tuple[VehicleConfig, ...] = Field(min_length=1)
     sim_parameters: dict[SimParameter, float] = {}

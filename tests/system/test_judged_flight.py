@@ -12,8 +12,10 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.mission.compile.loader import LoadedMission, load
 from swarm_ctl.report.folder.last_statuses import STATUSES
+from swarm_ctl.report.folder.manifest import read_manifest, write_manifest
+from swarm_ctl.report.judge.summarise import summarise
 from tests.system.pair import agent, ended, pair_mission, simulator
 from tests.system.running import SWARM_CTL
 
@@ -21,19 +23,34 @@ pytestmark = pytest.mark.timeout(120)
 _SPEEDUP = 3.0
 
 
+_TRUTH = "from-the-simulator.jsonl"
+
+
 @pytest.fixture
-def station(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
-    """The station of two agents whose clocks began at different times, and its environment."""
+def vehicles(tmp_path: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """A simulator of two vehicles, which ends by itself once they have flown."""
     mission = pair_mission(tmp_path, spacing=3)
+    truth = str(tmp_path / _TRUTH)
+    simulated = simulator(mission, time.monotonic(), _SPEEDUP, truth_path=truth, once=True)
+    with ended([simulated]):
+        yield simulated
+
+
+@pytest.fixture
+def station(vehicles: subprocess.Popen[bytes], tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    """The station of their two agents, whose clocks began at different times, and before the
+    simulator's."""
+    mission = load(tmp_path / "pair.yaml")
     now = time.monotonic()
     watching = _station(mission, tmp_path)
     agents = [agent(mission.source, i, now - 7.0 * i, _SPEEDUP, "--expect-station") for i in (1, 2)]
-    with ended([simulator(mission, now, _SPEEDUP), watching, *agents]):
+    with ended([watching, *agents]):
         yield watching
 
 
 def _station(mission: LoadedMission, folder: Path) -> subprocess.Popen[str]:
     more = ["--headless", "--runs", folder / "runs", "--speedup", f"{_SPEEDUP:g}"]
+    more += ["--truth", folder / _TRUTH]
     return subprocess.Popen(
         [SWARM_CTL, "station", "--mission", mission.source, *more],
         stdout=subprocess.PIPE,
@@ -50,19 +67,31 @@ def _summary(folder: Path) -> dict[str, Any]:
 
 
 def test_it_ends_with_the_mission_and_judges_it(
-    station: subprocess.Popen[str], tmp_path: Path
+    station: subprocess.Popen[str], vehicles: subprocess.Popen[bytes], tmp_path: Path
 ) -> None:
-    """Exit code 0, and a whole run's folder. Both agents' steps stand on one clock, though their
-    own are 21 s apart, and the distance is that of the places where they stood."""
+    """Exit code 0, and a whole run's folder. Both agents' steps and the truth stand on one clock,
+    though their own are 21 s apart; the distance is that of the places where they stood, by the
+    truth and by the vehicles' estimates, and the simulator ends, too."""
     out, errors = station.communicate(timeout=90)
     assert station.returncode == 0, out + errors
     summary = _summary(tmp_path)
     assert summary["outcome"] == "completed"
     assert [each["account"] for each in summary["agents"]] == ["final", "final"]
-    assert summary["judged_by"] == {"1": "estimates", "2": "estimates"}
-    assert summary["min_distance_m"] == pytest.approx(15.0, abs=2.0)
+    assert summary["judged_by"] == {"1": "truth", "2": "truth"}
+    assert summary["min_distance_m"] == pytest.approx(15.0, abs=0.5)
     ends = [agent["time_s"] for agent in summary["agents"]]
     assert abs(ends[0] - ends[1]) < 6.0
+    takeoff, landing = (summary["steps"][k]["start_s"] for k in (1, 3))
+    assert takeoff < summary["truth"]["first_liftoff_s"] < takeoff + 5.0
+    assert landing < summary["truth"]["last_touchdown_s"] < max(ends)
+    assert vehicles.wait(30) == 0
+
+    (run,) = (tmp_path / "runs").iterdir()
+    write_manifest(run, read_manifest(run).model_copy(update={"simulated": ()}))
+    by_estimates = summarise(run)
+    assert by_estimates.outcome == "completed"
+    assert set(by_estimates.judged_by.values()) == {"estimates"}
+    assert by_estimates.min_distance_m == pytest.approx(15.0, abs=2.0)
 
 
 @pytest.mark.long

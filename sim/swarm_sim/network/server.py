@@ -30,6 +30,8 @@ log = logging.getLogger("sim")
 
 DRAIN_S = 90.0
 """Mission time granted to vehicles to come down after the lifeline is cut."""
+_STANDS_S = 10.0
+"""Mission time after which vehicles that stand have landed: none takes off again so late."""
 _BATCH = 50
 """Steps done at a stretch while catching up, before sockets are looked at again."""
 _STOP_S, _STOP_WALL_S, _SPRINT = 0.5, 0.2, 2.0
@@ -65,6 +67,8 @@ class Server:
         self._clock = clock
         self._lifeline = lifeline
         self._drain_until_s: float | None = None
+        self._flew_s: float | None = None
+        """When a vehicle was last in the air or armed, once one has flown."""
         self._stopping = False
         self._barrier: Barrier | None = None
         self._arrived: list[tuple[int, bytes, Address]] = []
@@ -134,8 +138,9 @@ class Server:
             return None
 
     def serve(self) -> None:
-        """Until stopped, or until the lifeline is cut and all vehicles are parked. In lockstep,
-        until no client takes part and all vehicles are parked."""
+        """Until stopped, or until the lifeline is cut and all vehicles are parked; with `once`,
+        until all that flew have landed. In lockstep, until no client takes part and all vehicles
+        are parked."""
         for words in self._taken:
             self._tell(words)
         if self._barrier is not None and self._serve_in_step(self._barrier):
@@ -256,10 +261,19 @@ class Server:
             log.info("lifeline cut: waiting for the vehicles to come down")
 
     def _drained(self) -> bool:
+        if self._config.once and self._has_flown():
+            return True
         if self._drain_until_s is None:
             return False
         world = self.hub.world
         return world.parked() or world.time_s >= self._drain_until_s
+
+    def _has_flown(self) -> bool:
+        """A vehicle was in the air, and all have stood disarmed since."""
+        world = self.hub.world
+        if any(world.airborne()) or (self._flew_s is not None and not world.parked()):
+            self._flew_s = world.time_s
+        return self._flew_s is not None and world.time_s > self._flew_s + _STANDS_S
 
     def _catch_up(self) -> None:
         """Does the steps that are due; after a stop of this process, no faster than `_SPRINT`."""

@@ -24,7 +24,12 @@ class TruthRecorder:
         self._due_s = world.next_s
         self._written_s = -math.inf
         self._sysids = [vehicle.sysid for vehicle in world.vehicles]
-        self._write("header", version=1, origin=config.origin.model_dump(), sysids=self._sysids)
+        clock = {"epoch_s": config.epoch_s, "speedup": config.speedup}
+        if config.lockstep is not None:
+            clock = {}  # the same seed, the same file
+        self._write(
+            "header", version=1, origin=config.origin.model_dump(), sysids=self._sysids, **clock
+        )
 
     def after_step(self) -> None:
         """Events at once; states and shrunken pair minima at the configured rate."""

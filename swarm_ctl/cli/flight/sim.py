@@ -58,6 +58,9 @@ def sim(
     truth: Annotated[
         Path | None, option("FILE", "Write the true positions: a JSON object a line.")
     ] = None,
+    once: Annotated[
+        bool, switch("--once", "End when vehicles have flown and all stand disarmed for 10 s.")
+    ] = False,
     open_mesh: OpenMesh = False,
 ) -> None:
     """Run simulated ArduCopter or PX4 vehicles until Ctrl-C.
@@ -98,7 +101,7 @@ def sim(
             )
     settings["sim_parameters"] |= dict(_parameter(text) for text in parameter or [])
     settings |= {"speedup": speedup, "epoch_s": Clock.starting_now(speedup).epoch_s, "seed": seed}
-    settings["truth_path"] = None if truth is None else str(truth)
+    settings |= {"truth_path": None if truth is None else str(truth), "once": once}
     console = PlainConsole()
     serve(settings, ready=lambda: _show(settings, console))
     console.say("ended")

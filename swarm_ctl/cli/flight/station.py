@@ -35,6 +35,10 @@ _RUNS: Final = (
     "With --mission: fly the swarm from here. Record into a new folder in this one, land the swarm"
     " at Ctrl-C, end with it, and judge it as `run` does."
 )
+_TRUTH: Final = (
+    "With --runs: what `sim --truth` writes on this computer. The run is judged by it, and gets a"
+    " copy.  [default: judged by the vehicles' own estimates]"
+)
 _MESH: Final = (
     "With --mission: where an agent listens; repeat it for each.  [default: as in its fleet]"
 )
@@ -56,6 +60,7 @@ def station(
         option("FACTOR", "With --mission: of the simulated swarm.", min=0.1, max=100.0),
     ] = None,
     runs: Annotated[Path | None, option("FOLDER", _RUNS)] = None,
+    truth: Annotated[Path | None, option("FILE", _TRUTH)] = None,
     identity: IdentityFolder = None,
     open_mesh: OpenMesh = False,
     zenoh_config: ZenohConfig = None,
@@ -99,6 +104,7 @@ def station(
             "--fleet": fleet,
             "--speedup": speedup,
             "--runs": runs,
+            "--truth": truth,
         }.items():
             if value:
                 raise InputError(f"{name} without a mission; allowed: together with --mission FILE")
@@ -108,6 +114,8 @@ def station(
     elif run is not None:
         raise InputError(f"both a run folder ({run}) and --mission {mission}; allowed: one of them")
     else:
+        if truth is not None and runs is None:
+            raise InputError(f"--truth {truth} without a run; allowed: together with --runs FOLDER")
         loaded = load(mission, fleet=fleet)
         guarded = open_mesh or bool(identity or loaded.fleet.trust)
         own = zenoh_settings(zenoh_config, guarded=guarded)
@@ -116,10 +124,10 @@ def station(
         if runs is None:
             join_swarm(swarm, show, ports)
         else:
-            raise typer.Exit(_judge(swarm, runs, show, ports))
+            raise typer.Exit(_judge(swarm, runs, truth, show, ports))
 
 
-def _judge(swarm: SwarmMesh, runs: Path, show: Show, ports: Ports) -> int:
+def _judge(swarm: SwarmMesh, runs: Path, truth: Path | None, show: Show, ports: Ports) -> int:
     """Fly the swarm from here; the exit code."""
     from swarm_ctl.runtime.interrupts import Interrupts
     from swarm_ctl.runtime.lifeline import sign_of_life
@@ -129,7 +137,7 @@ def _judge(swarm: SwarmMesh, runs: Path, show: Show, ports: Ports) -> int:
 
     console = PlainConsole(stderr=show is Show.JSON)
     with Interrupts() as interrupts:
-        result = judge_swarm(swarm, runs, show, ports, sign_of_life(), interrupts)
+        result = judge_swarm(swarm, runs, show, ports, sign_of_life(), interrupts, truth)
         if result is None:
             console.say("no agent was heard: nothing was recorded")
             return ENDED_CODE

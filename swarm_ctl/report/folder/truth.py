@@ -39,6 +39,9 @@ class TruthHeader(_TruthLine):
     version: Literal[1]
     origin: Geodetic
     sysids: tuple[int, ...]
+    epoch_s: float | None = None
+    """Zero of its clock on the computer's monotonic clock; None in lockstep."""
+    speedup: float = 1.0
 
 
 class TruthState(_TruthLine):

@@ -17,7 +17,7 @@ from pydantic import TypeAdapter
 
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.messages import AgentState, AgentStatus, Outcome, Payload, StepResult
-from swarm_ctl.errors import StartError
+from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.files import replacing
 from swarm_ctl.recording.mcap_recorder import McapRecorder, Sink
 from swarm_ctl.recording.run_recorder import RunRecorder
@@ -26,7 +26,7 @@ from swarm_ctl.report.folder.manifest import Manifest, package_versions, write_m
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary, write_summary
 from swarm_ctl.report.judge.verdict import Ending
-from swarm_ctl.rim import Rim
+from swarm_ctl.rim import Rim, Trouble
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.flying_runs import make_folder
 from swarm_ctl.runtime.foxglove.recorders import foxglove_on, run_mcap
@@ -37,6 +37,7 @@ from swarm_ctl.runtime.station.join import SwarmMesh, open_swarm
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
 from swarm_ctl.runtime.station.screens import Screen, Show, present
 from swarm_ctl.runtime.station.station_loop import give, loop, metrics_on
+from swarm_ctl.runtime.station.taken_truth import take_truth
 from swarm_ctl.station.picture.protection import MeshKind
 from swarm_ctl.station.picture.view import AgentView, SwarmView
 
@@ -65,6 +66,7 @@ def judge_swarm(
     ports: Ports,
     alive: Callable[[], None],
     interrupts: Interrupts,
+    truth: Path | None = None,
 ) -> JudgedRun | None:
     """Watch, command and record the swarm until its agents have ended; Ctrl-C lands it. None where
     Ctrl-C came before an agent was heard.
@@ -76,12 +78,13 @@ def judge_swarm(
         ports: on which it serves others' tools.
         alive: called each turn.
         interrupts: entered; counts Ctrl-C.
+        truth: what a simulator on this computer writes of the vehicles.
     """
     with ExitStack() as opened:
         station = opened.enter_context(open_swarm(swarm))
         measure = opened.enter_context(metrics_on(ports.metrics))
         live = opened.enter_context(foxglove_on(ports.foxglove, station.plan))
-        flight = _Flight(swarm, runs, interrupts, alive, live)
+        flight = _Flight(swarm, runs, interrupts, alive, live, truth)
         opened.callback(flight.close)
         present(
             show,
@@ -112,8 +115,10 @@ class _Flight:
         interrupts: Interrupts,
         alive: Callable[[], None],
         live: Sequence[Sink],
+        truth: Path | None = None,
     ) -> None:
         self._swarm = swarm
+        self._source = truth
         self._runs = runs
         self._interrupts = interrupts
         self._alive = alive
@@ -123,6 +128,7 @@ class _Flight:
         self._recorder: Accounts | None = None
         self._life = Rim("the sign of life")
         self._begin = Rim("the record of the run", most=1)
+        self._manifest: Manifest | None = None
         self.folder: Path | None = None
         self.unrecorded = ""
         """Why the run has no record; '' while it has, or no agent was heard."""
@@ -164,6 +170,7 @@ class _Flight:
         folder = make_folder(self._runs, mission.plan.name)
         manifest = _manifest(self._swarm, clock)
         write_manifest(folder, manifest)
+        self._manifest = manifest
         mcap = run_mcap(folder, manifest, station.name, self._live)
         self._recorder, self.folder = Accounts(folder, mcap), folder
         station.record(self._recorder)
@@ -174,6 +181,20 @@ class _Flight:
         if self._recorder is not None:
             with closing(self._recorder) as recorder:
                 self._begin.run(recorder.write_accounts)
+                self._begin.run(self._take_truth, recorder)
+
+    def _take_truth(self, recorder: RunRecorder) -> None:
+        """Without it the run is judged by estimates, and a warning of the summary says why."""
+        now_s = self._swarm.clock.now()
+        if self._source is None or self.folder is None or self._manifest is None:
+            return
+        try:
+            take_truth(self._source, self.folder, self._manifest, now_s)
+        except InputError as error:
+            recorder.note(Trouble("the simulator's truth", str(error), off=False), now_s)
+        except OSError as error:
+            why = f"{self._source}: {error.strerror}"
+            recorder.note(Trouble("the simulator's truth", why, off=False), now_s)
 
 
 def _has_ended(agent: AgentView) -> bool:

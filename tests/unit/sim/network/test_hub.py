@@ -163,6 +163,8 @@ def test_truth_is_readable_at_any_time_and_says_what_the_brief_says(tmp_path: Pa
         "t": 0.0,
         "origin": settings.origin.model_dump(),
         "sysids": [1, 2],
+        "epoch_s": settings.epoch_s,
+        "speedup": settings.speedup,
     }
     states = [line for line in before_end if line["type"] == "state"]
     assert len(states) == pytest.approx(100, abs=1)

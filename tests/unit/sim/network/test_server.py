@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from swarm_sim.clock import SimClock
 from swarm_sim.firmware.px4_persona import LOITER, OFFBOARD
 from swarm_sim.network.server import Server
-from tests.unit.sim.harness import ARM, ORIGIN, SET_MODE, TAKEOFF, VELOCITY_ONLY, config
+from tests.unit.sim.harness import ARM, LAND_NOW, ORIGIN, SET_MODE, TAKEOFF, VELOCITY_ONLY, config
 from tests.unit.sim.harness import OFFBOARD as OFFBOARD_MODE
 
 NAN = float("nan")
@@ -114,3 +114,33 @@ def test_a_stopped_simulator_notices_a_silent_client(offboard: Offboard) -> None
     offboard.serve()
     assert offboard.firmware.mode is LOITER
     assert offboard.firmware.failsafe
+
+
+def test_once_it_has_flown_a_simulator_that_is_to_fly_once_ends(offboard: Offboard) -> None:
+    """Not on the ground before, not in the air, not in the pause between two flights: 10 s after
+    all stand disarmed."""
+    server, world = offboard.server, offboard.server.hub.world
+    assert not server._drained()
+    server._config = server._config.model_copy(update={"once": True})
+    assert not server._drained()
+    offboard.command(LAND_NOW, 0, 0, 0, NAN, NAN, NAN, NAN)
+    stood_s = None
+    for _ in range(600):
+        offboard.clock.time_s += 0.1
+        offboard.serve()
+        stood_s = (stood_s or world.time_s) if world.parked() else None
+        if server._drained():
+            break
+    assert stood_s is not None
+    assert world.time_s - stood_s == pytest.approx(10.0, abs=0.3)
+
+
+def test_a_simulator_that_never_flew_waits(offboard: Offboard) -> None:
+    """Vehicles that stand from the start are no end of a flight."""
+    settings = config(1).model_copy(update={"once": True})
+    clock = HandClock()
+    with Server(settings, clock, None) as server:
+        for _ in range(20):
+            clock.time_s += 1.0
+            server._catch_up()
+            assert not server._drained()
