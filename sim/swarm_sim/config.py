@@ -13,6 +13,8 @@ from swarm_sim.firmware.parameters.fault_parameters import SIM_DEFAULTS
 from swarm_sim.physics.geodesy import GeodeticPoint
 
 Persona = Literal["ardupilot", "px4"]
+PilotMode = Literal["hold", "land", "return", "manual"]
+"""What a pilot may switch to; each firmware has a mode of its own for it."""
 
 
 class ConfigError(Exception):
@@ -44,12 +46,13 @@ SimParameter = Annotated[str, AfterValidator(_known)]
 
 
 class TimetableEntry(_StrictConfig):
-    """SIM_* parameters to set at a given time: of one vehicle, or of all."""
+    """SIM_* parameters to set at a given time, or a pilot's mode: of one vehicle, or of all."""
 
     at_s: float
     """Seconds after what `faults_since` says."""
     sysid: int | None = None
-    set: dict[SimParameter, float] = Field(min_length=1)
+    set: dict[SimParameter, float] = {}
+    pilot: PilotMode | None = None
 
 
 _ADDRESS = r"(udpin|udpout|tcpin):[0-9A-Za-z.\-]+:[0-9]{1,5}"

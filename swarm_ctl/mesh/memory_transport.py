@@ -16,10 +16,14 @@ class MemoryHub:
     def __init__(self, now: Callable[[], float], *, held: bool = False) -> None:
         self.now = now
         self.members: list[MemoryTransport] = []
+        self.tap: Callable[[str, bytes], None] | None = None
+        """Is given each message once, in the order of sending."""
         self._held: list[tuple[MemoryTransport, str, bytes, float]] | None = [] if held else None
 
     def publish(self, sender: MemoryTransport, key: str, data: bytes) -> None:
         """Give a message to all others, or keep it."""
+        if self.tap is not None:
+            self.tap(key, data)
         if self._held is None:
             self._give(sender, key, data, self.now())
         else:

@@ -7,6 +7,7 @@ gives the same trace.
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -38,6 +39,7 @@ from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.runtime.agent.publish import listen, publish
 from swarm_ctl.runtime.launch.sim_config import simulator_config
 from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory
+from swarm_ctl.virtual.account import Account
 from swarm_sim.config import SimConfig, VehicleConfig
 from swarm_sim.network.hub import Hub
 from swarm_sim.network.signing import Signing as VehicleSigning
@@ -56,6 +58,8 @@ class Member:
     node: Node
     remembering: Remembering
     alive: bool = True
+    successor: bool = False
+    """Started for the vehicle of one that was killed."""
     frozen: bool = False
     ended: Ended | None = None
     status: AgentStatus | None = None
@@ -104,6 +108,8 @@ class VirtualSwarm:
         count = len(mission.plan.agents)
         self._closest_m = np.full((count, count), np.inf)
         self.station_alive = True
+        self.account: Account | None = None
+        """Who keeps what happens, if it is to be judged."""
         self.told_to_end = ""
         self._ticks = 0
         self.mesh = MemoryHub(self._time_s, held=lockstep)
@@ -144,6 +150,8 @@ class VirtualSwarm:
             clock(self.now),
             expect_station=expects,
             vehicle=response,
+            # in lockstep mission time has no pace: no command is old
+            speedup=math.inf if self._lockstep else 1.0,
             same_clock=() if agent_id in self._clocks else ids - self._clocks.keys(),
         )
         self.members[agent_id] = Member(agent, link, node, remembering, clock=clock)
@@ -183,9 +191,12 @@ class VirtualSwarm:
         for member in self.members.values():
             if member.alive and not member.frozen:
                 self._step(member)
-        self.events += [event for event, _ in self._station.take(keys.EVENT)]
+        events = [event for event, _ in self._station.take(keys.EVENT)]
+        statuses = [status for status, _ in self._station.take(keys.STATUS)]
+        self.events += events
         self.acks += [ack for ack, _ in self._station.take(keys.ACK)]
-        self._station.take(keys.STATUS)
+        if self.account is not None:
+            self.account.hear(statuses, events, self.now)
 
     def _run_world(self) -> None:
         for place, far in enumerate(self._far):
@@ -237,6 +248,8 @@ class VirtualSwarm:
         if actions.ended is not None:
             member.ended, member.alive = actions.ended, False
             member.node.close()
+            if self.account is not None and member.status is not None and not member.successor:
+                self.account.ended(member.status.agent, member.status)
 
     def _follow(self, member: Member, near: frozenset[int] | None) -> None:
         """In lockstep, a peer is heard so many ticks after the decision."""
@@ -275,6 +288,7 @@ class VirtualSwarm:
         self._clocks[agent_id] = clock or self._clocks.get(agent_id, float)
         place = [agent.id for agent in self.plan.agents].index(agent_id)
         self._far[place] = self._add(agent_id, plan or self.plan)
+        self.members[agent_id].successor = True
 
     def command(
         self, kind: str, agents: tuple[int, ...] = (), name: str = "c1", **more: Any
@@ -285,7 +299,10 @@ class VirtualSwarm:
     def send(self, command: Command) -> None:
         """Send this command, with a number of its own."""
         number = self._numbers.setdefault(command.id, len(self._numbers) + 1)
-        self._station.send(keys.COMMAND, replace(command, number=number))
+        command = replace(command, number=number)
+        self._station.send(keys.COMMAND, command)
+        if self.account is not None:
+            self.account.sent(command, self.now)
 
     def run(self, seconds: float) -> None:
         """Tick for `seconds`."""

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field, replace
 
 from swarm_ctl.core.model.messages import AgentState
 from swarm_ctl.core.model.plan import Policy
+from swarm_ctl.mesh.impaired import ImpairedTransport, Impairment
 from swarm_ctl.mesh.transport import Transport
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
-from tests.scenarios.impaired import ImpairedTransport, Impairment
 from tests.scenarios.swarm import VirtualSwarm, flown_once, landing_fast
 
 IDS = (1, 2, 3, 4)

@@ -10,11 +10,11 @@ import pytest
 from swarm_ctl.core.model.timeouts import FRESH_S
 from swarm_ctl.core.swarm.peer import Peer
 from swarm_ctl.mesh import keys
+from swarm_ctl.mesh.impaired import Impairment
 from swarm_ctl.mesh.memory_transport import MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.transport import Inlet, Transport
 from tests.scenarios.faults import FORM, GOOD, Faulty, Row, ahead, apart, mission
-from tests.scenarios.impaired import Impairment
 from tests.scenarios.swarm import VirtualSwarm
 
 CLOCKS = {1: ahead(3600.0, 1e-4), 2: ahead(-0.3), 3: ahead(5.0, -1e-4), 4: ahead(0.2)}

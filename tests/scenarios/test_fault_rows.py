@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
+from swarm_ctl.mesh.impaired import Impairment
 from tests.scenarios.faults import GUSTY, ROWS, SAFE, Faulty, Row, flown
-from tests.scenarios.impaired import Impairment
 
 IN_OTHERS = {
     "a tenth is lost",

@@ -3,10 +3,10 @@ silence, the seed."""
 
 from __future__ import annotations
 
+from swarm_ctl.mesh.impaired import ImpairedTransport, Impairment
 from swarm_ctl.mesh.keys import NEWEST
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.transport import Inlet
-from tests.scenarios.impaired import ImpairedTransport, Impairment
 
 
 class Pair:

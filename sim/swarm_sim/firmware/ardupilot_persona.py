@@ -119,6 +119,12 @@ class ArdupilotPersona(Firmware):
     sysid_parameter = "MAV_SYSID"
     capacity_parameter = "BATT_CAPACITY"
     modes = MODES
+    pilot_modes: ClassVar[Mapping[str, FlightMode]] = {
+        "hold": LOITER,
+        "land": LAND,
+        "return": RTL,
+        "manual": STABILIZE,
+    }
     boot_mode = STABILIZE
     boot_streams: ClassVar[Mapping[str, float]] = {"HEARTBEAT": 1.0}
     fence_bit = 0x100000

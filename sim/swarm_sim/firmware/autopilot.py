@@ -112,6 +112,8 @@ class SimAutopilot(ABC):
     """Of the battery [mAh]."""
     modes: ClassVar[Mapping[int, FlightMode]]
     """By HEARTBEAT.custom_mode."""
+    pilot_modes: ClassVar[Mapping[str, FlightMode]]
+    """Where a pilot's switch puts it: hold, land, return, manual."""
     boot_mode: ClassVar[FlightMode]
     boot_streams: ClassVar[Mapping[str, float]]
     """Intervals [s] of what is streamed unasked."""

@@ -52,6 +52,13 @@ class Firmware(SimAutopilot):
         self.now, self.sensed, self.asked_on = now, sensed, channel
         handler(self, message)
 
+    def switch(self, kind: str, now: float, sensed: Sensed) -> None:
+        """A pilot's switch (`pilot_modes`): the mode is entered or refused, as one that SET_MODE
+        asks for."""
+        if now >= self.boot_s:
+            self.now, self.sensed, self.asked_on = now, sensed, None
+            self.enter(self.pilot_modes[kind])
+
     def _tick(self) -> None:
         if not self.sensed.landed:
             self.landed_s = None

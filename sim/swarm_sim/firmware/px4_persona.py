@@ -130,6 +130,12 @@ class Px4Persona(Firmware):
     sysid_parameter = "MAV_SYS_ID"
     capacity_parameter = "BAT1_CAPACITY"
     modes = MODES
+    pilot_modes: ClassVar[Mapping[str, FlightMode]] = {
+        "hold": LOITER,
+        "land": LAND,
+        "return": RTL,
+        "manual": POSCTL,
+    }
     boot_mode = LOITER
     boot_streams: ClassVar[Mapping[str, float]] = {
         "HEARTBEAT": 1.0,

@@ -60,6 +60,11 @@ class SimVehicle:
         self.firmware.handle(message, now, self.sense(), channel)
         self._obey()
 
+    def pilot(self, kind: str, now: float) -> None:
+        """A pilot's switch: the firmware may refuse it, as it may any mode."""
+        self.firmware.switch(kind, now, self.sense())
+        self._obey()
+
     def _obey(self) -> None:
         self.due_s = self.firmware.due_s
         demand = self.firmware.demand

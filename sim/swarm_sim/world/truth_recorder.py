@@ -4,20 +4,29 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Protocol
 
 from swarm_sim.config import SimConfig
-from swarm_sim.world.truth_file import TruthFile
 from swarm_sim.world.world import World
 
 _DECIMALS = 4
 """Of positions and velocities: a tenth of a millimetre."""
 
 
+class TruthSink(Protocol):
+    """Where the lines go: a file, or what keeps them."""
+
+    def write(self, line: dict[str, Any]) -> None:
+        """One object."""
+
+    def close(self) -> None:
+        """After the last one."""
+
+
 class TruthRecorder:
     """Call `after_step` after each step of the world, and `close` at the end."""
 
-    def __init__(self, world: World, config: SimConfig, file: TruthFile) -> None:
+    def __init__(self, world: World, config: SimConfig, file: TruthSink) -> None:
         self._world = world
         self._file = file
         self._interval_s = 1.0 / config.truth_rate_hz

@@ -156,6 +156,9 @@ class World:
                     for name, value in entry.set.items():
                         vehicle.firmware.parameters.set(name, value)
                         self._event(place, f"{name} {value:g}")
+                    if entry.pilot is not None:
+                        vehicle.pilot(entry.pilot, self.time_s)
+                        self._event(place, f"pilot: {vehicle.firmware.mode.name}")
 
     def _watch_arming(self) -> None:
         """Notes which vehicles lost their motors in the air, by a command or by their firmware."""

@@ -212,8 +212,11 @@ def _faults(mission: MissionFile) -> Findings:
     place: Place = ("simulation", "faults")
     ids = sorted(agent.id for agent in mission.agents)
     for k, fault in enumerate(mission.simulation.faults):
-        if not fault.set.given():
-            yield Finding((*place, k, "set"), "sets nothing", "one SIM_* parameter at least")
+        if not fault.set.given() and fault.pilot is None:
+            allowed = "one SIM_* parameter at least, or a pilot"
+            yield Finding((*place, k, "set"), "sets nothing", allowed)
+        if fault.pilot is not None and fault.for_s is not None:
+            yield Finding((*place, k, "for_s"), "a pilot gives nothing back", "no for_s")
         for j, agent in enumerate(fault.agents or ()):
             if agent not in ids:
                 what = f"agent {agent} is not in this mission"

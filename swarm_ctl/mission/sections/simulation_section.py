@@ -14,6 +14,8 @@ from pydantic import Field
 from swarm_ctl.mission.sections.section import AgentId, Section
 
 Switch = Literal[0, 1] | None
+Pilot = Literal["hold", "land", "return", "manual"]
+"""What a pilot may put a vehicle into: LOITER or Hold, LAND, RTL; a mode of sticks alone."""
 Offset = Annotated[float, Field(ge=-10_000, le=10_000)] | None
 Deviation = Annotated[float, Field(ge=0, le=100)] | None
 
@@ -89,7 +91,9 @@ class FaultEntry(Section):
     """How long; then each parameter gets its first value again. Default: to the end."""
     agents: Annotated[tuple[AgentId, ...], Field(min_length=1, max_length=250)] | None = None
     """Agents whose vehicles it hits. Default: all."""
-    set: SimParameters
+    set: SimParameters = SimParameters()
+    pilot: Pilot | None = None
+    """A pilot takes the vehicles over, with a mode of this kind; never with `for_s`."""
 
 
 class SimulationSection(Section):
@@ -113,7 +117,8 @@ class SimulationSection(Section):
         for fault in self.faults:
             given = fault.set.given()
             for sysid in (sysids[i] for i in fault.agents or sysids if i in sysids):
-                begin.append({"at_s": fault.at_s, "sysid": sysid, "set": given})
+                entry = {"at_s": fault.at_s, "sysid": sysid, "set": given}
+                begin.append(entry | ({"pilot": fault.pilot} if fault.pilot else {}))
                 if fault.for_s is not None:
                     back = {name: start[name] for name in given}
                     end.append({"at_s": fault.at_s + fault.for_s, "sysid": sysid, "set": back})

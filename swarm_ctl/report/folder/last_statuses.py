@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TypeVar
@@ -67,12 +67,29 @@ def read_last_statuses(
     if agents is None:
         written = (path.stem for path in (folder / FINAL).glob("*.json"))
         agents = sorted({int(name) for name in written if name.isdecimal()} | set(heard))
+
+    def final_of(agent: int) -> AgentStatus | None:
+        return _final_status(folder / FINAL / f"{agent}.json", notes)
+
+    return last_statuses(agents, (before, heard), final_of, notes, killed)
+
+
+def last_statuses(
+    agents: Iterable[int],
+    processes: tuple[Mapping[int, AgentStatus], Mapping[int, AgentStatus]],
+    final_of: Callable[[int], AgentStatus | None],
+    notes: list[str],
+    killed: Collection[int] = (),
+) -> dict[int, LastStatus]:
+    """As `read_last_statuses`, of what was heard (`of_processes`) and what each agent wrote at its
+    end, None where it wrote nothing."""
+    before, heard = processes
     found: dict[int, LastStatus] = {}
     for agent in agents:
         if agent in killed and agent in heard and _succeeded(before[agent], heard[agent]):
             found[agent] = LastStatus(heard[agent], True, True, before[agent].airborne)
             continue
-        final = _final_status(folder / FINAL / f"{agent}.json", notes)
+        final = final_of(agent)
         if final is not None:
             found[agent] = LastStatus(final, final=True)
         elif agent in heard:
@@ -98,10 +115,16 @@ def flying_successors(folder: Path, killed: Collection[int]) -> dict[int, float]
 
 
 def _heard(folder: Path, notes: list[str]) -> tuple[dict[int, AgentStatus], dict[int, AgentStatus]]:
-    """Of each agent that the station heard, the last status of its first process, and the last
-    status of all."""
+    return of_processes(_read(folder / STATUSES, _STATUS, notes))
+
+
+def of_processes(
+    statuses: Iterable[AgentStatus],
+) -> tuple[dict[int, AgentStatus], dict[int, AgentStatus]]:
+    """Of each agent that was heard, the last status of its first process, and the last status of
+    all."""
     before, last = dict[int, AgentStatus](), dict[int, AgentStatus]()
-    for status in _read(folder / STATUSES, _STATUS, notes):
+    for status in statuses:
         if not _is_another(before.setdefault(status.agent, status), status):
             before[status.agent] = status
         last[status.agent] = status

@@ -102,9 +102,7 @@ def read_run(folder: Path, killed: Collection[int] = ()) -> RunFolder:
     planned = tuple(agent.id for agent in manifest.plan.agents) if manifest else None
     last = read_last_statuses(folder, planned, notes, killed)
     tracks = _tracks(folder, manifest, notes) if manifest else {}
-    flight = _flight(truth, tracks, manifest, last) if manifest else None
-    if flight is not None and not len(flight.time_s):
-        flight = None
+    flight = flown(truth, tracks, manifest, last) if manifest else None
     return RunFolder(manifest, truth, tracks, flight, planned or tuple(last), last, notes)
 
 
@@ -160,14 +158,16 @@ def _tracks(folder: Path, manifest: Manifest, notes: list[str]) -> dict[int, Tra
     return tracks
 
 
-def _flight(
+def flown(
     truth: Truth | None, tracks: dict[int, Track], manifest: Manifest, last: dict[int, LastStatus]
-) -> Flight:
+) -> Flight | None:
+    """Where the vehicles of the manifest's plan were; None where nothing is known of them."""
     agents = [agent.id for agent in manifest.plan.agents]
     sysid = {agent.id: agent.sysid for agent in manifest.fleet}
     until_s = [_live_until(last.get(i), manifest.plan) for i in agents]
     places = {k: tracks[agent] for k, agent in enumerate(agents) if agent in tracks}
-    return flight_of(truth, [sysid[i] for i in agents], until_s, places)
+    flight = flight_of(truth, [sysid[i] for i in agents], until_s, places)
+    return flight if len(flight.time_s) else None
 
 
 def _live_until(last: LastStatus | None, plan: Plan) -> float:

@@ -5,11 +5,11 @@ One JSON object a line; a killed simulator leaves a torn last line, which is no 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Final, Literal, TypeAlias
+from typing import Annotated, Any, Final, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -143,12 +143,23 @@ class Truth:
 
 def load_truth(path: Path) -> Truth:
     """Read a truth file as far as it goes. OSError where it can't be opened."""
-    damage, sysids, last_s, complete = Damage(), tuple[int, ...](), None, False
+    damage = Damage()
+    return truth_of(read_truth(path, damage), damage)
+
+
+def truth_line(fields: dict[str, Any]) -> TruthLine:
+    """A record of its fields, as the simulator writes them; ValidationError where it is none."""
+    return _LINE.validate_python(fields)
+
+
+def truth_of(lines: Iterable[TruthLine], damage: Damage) -> Truth:
+    """All records of a flight as one; `damage` counts those of other vehicles."""
+    sysids, last_s, complete = tuple[int, ...](), None, False
     states: list[TruthState] = []
     minima: dict[tuple[int, int], float] = {}
     minima_s: dict[tuple[int, int], float] = {}
     events: list[TruthEvent] = []
-    for line in read_truth(path, damage):
+    for line in lines:
         match line:
             case TruthHeader():
                 sysids = line.sysids

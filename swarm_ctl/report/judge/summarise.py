@@ -16,7 +16,7 @@ from swarm_ctl.core.law.graph import edges
 from swarm_ctl.core.law.planned_formation import planned_formations
 from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.fleet import Signing
-from swarm_ctl.core.model.messages import AgentStatus, Outcome, StepResult, TickReport
+from swarm_ctl.core.model.messages import AgentStatus, Event, Outcome, StepResult, TickReport
 from swarm_ctl.core.model.plan import FormStep, Plan, Point
 from swarm_ctl.report.folder import metrics
 from swarm_ctl.report.folder.flight import Source
@@ -85,8 +85,20 @@ def _unjudged(exit_codes: Mapping[str, int] | None, why: str) -> Summary:
 
 def _summary(folder: Path, exit_codes: Mapping[str, int] | None, ending: Ending | None) -> Summary:
     run = read_run(folder, _killed(exit_codes or {}))
-    truth, statuses = run.truth, run.statuses
     events = list(read_events(folder, run.notes))
+    return summary_of(run, events, read_troubles(folder), exit_codes, ending)
+
+
+def summary_of(
+    run: RunFolder,
+    events: Sequence[Event],
+    troubles: Sequence[str] = (),
+    exit_codes: Mapping[str, int] | None = None,
+    ending: Ending | None = None,
+) -> Summary:
+    """The summary of a run that is known: what its folder has, or what a flight on a virtual clock
+    left. `troubles` are those of what only shows."""
+    truth, statuses = run.truth, run.statuses
     last_s = [s.time_s for s in statuses] + [event.time_s for event in events]
     last_s += [truth.last_s] if truth and truth.last_s is not None else []
     pairs = pair_distances(run)
@@ -124,7 +136,7 @@ def _summary(folder: Path, exit_codes: Mapping[str, int] | None, ending: Ending 
         exit_codes=dict(exit_codes) if exit_codes is not None else None,
         mission_time_s=max(last_s, default=None),
         wall_time_s=max(last_s) / speedup if last_s and speedup and not stepped else None,
-        warnings=(*doubts(run, pairs), *_slow(run, cause), *read_troubles(folder)),
+        warnings=(*doubts(run, pairs), *_slow(run, cause), *troubles),
         notes=tuple(run.notes),
     )
 

@@ -279,7 +279,9 @@ def _simulation(simulation: SimulationSection) -> Iterator[str]:
         agents = "all agents" if fault.agents is None else f"agent {ranges(fault.agents)}"
         lasting = "" if fault.for_s is None else f" for {fault.for_s:g} s"
         when = f"{fault.at_s:g} s after {simulation.since}{lasting}"
-        yield f"fault    {when}, {agents}: {_settings(fault.set.given())}"
+        pilot = [f"a pilot: {fault.pilot}"] if fault.pilot else []
+        what = ", ".join([*pilot, *([_settings(fault.set.given())] if fault.set.given() else [])])
+        yield f"fault    {when}, {agents}: {what}"
 
 
 def _settings(given: dict[str, float]) -> str:

@@ -59,7 +59,7 @@ class ImpairedTransport(Transport):
         one = key_expression.split("/")[-2]
         for name in self._publishers if one == "*" else [one]:
             self._inlets += 1
-            dice = random.Random(self._seed * 1_000_003 + self._inlets)
+            dice = random.Random(self._seed * 1_000_003 + self._inlets)  # noqa: S311 - no secret
             inlet = self._inner.subscribe(key_expression.replace("*", name), timed=timed)
             links.append(_ImpairedLink(inlet, self, name, dice))
         return ImpairedInlet(links, self._now)

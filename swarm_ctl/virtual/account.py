@@ -1,0 +1,178 @@
+"""What a flight on the virtual clock leaves: the truth, and all that a ground station hears; judged
+as `run` judges a folder. With a folder it leaves all that `run` leaves, for report and replay."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import TypeAdapter
+
+from swarm_ctl.core.model.messages import AgentStatus, Event, Outcome, Payload
+from swarm_ctl.mesh import keys
+from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
+from swarm_ctl.mesh.node import Node
+from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.recording.run_recorder import RunRecorder
+from swarm_ctl.report.folder.files import Damage
+from swarm_ctl.report.folder.last_statuses import FINAL, last_statuses, of_processes
+from swarm_ctl.report.folder.manifest import Manifest, package_versions, write_manifest
+from swarm_ctl.report.folder.run_folder import RunFolder, flown
+from swarm_ctl.report.folder.truth import TRUTH, Truth, truth_line, truth_of
+from swarm_ctl.report.judge.summarise import summarise, summary_of
+from swarm_ctl.report.judge.summary import Summary, write_summary
+from swarm_ctl.runtime import clock as wall
+from swarm_ctl.runtime.foxglove.recorders import run_mcap
+from swarm_sim.config import SimConfig
+from swarm_sim.world.truth_file import TruthFile
+from swarm_sim.world.truth_recorder import TruthRecorder
+from swarm_sim.world.world import World
+
+_SWARM: Final = "virtual"
+_HEARD: Final[tuple[keys.Channel[Any], ...]] = (
+    keys.STATE,
+    keys.SIGMA,
+    keys.STATUS,
+    keys.EVENT,
+    keys.COMMAND,
+    keys.ACK,
+    keys.BEACON,
+)
+_KILLED: Final = -9
+"""The exit code of a process that was killed, as its parent has it."""
+
+
+class Account:
+    """Of one flight. `folder`: made, and filled like a run's; None: nothing is written."""
+
+    def __init__(
+        self, mission: LoadedMission, config: SimConfig, folder: Path | None = None
+    ) -> None:
+        self._folder = folder
+        self.manifest = _manifest(mission, whole=folder is not None)
+        self._config = config
+        self._lines: list[dict[str, Any]] = []
+        self._statuses: list[AgentStatus] = []
+        self._finals: dict[int, AgentStatus] = {}
+        self.events: list[Event] = []
+        self._trace = hashlib.sha256()
+        self._node: Node | None = None
+        self._recorder: RunRecorder | None = None
+        self._truth_file: TruthFile | None = None
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+            write_manifest(folder, self.manifest)
+            self._truth_file = TruthFile(folder / TRUTH)
+            self._recorder = RunRecorder(folder, run_mcap(folder, self.manifest, "virtual"))
+
+    def watch(self, world: World, mesh: MemoryHub) -> TruthRecorder:
+        """Begin: what writes the truth of this world, step by step; the mesh is listened to."""
+        mesh.tap = self._pass
+        if self._recorder is not None:
+            self._node = Node(MemoryTransport(mesh), "test", "account")
+            agents = [agent.id for agent in self.manifest.plan.agents]
+            self._node.listen(*_HEARD, agents=agents)
+        return TruthRecorder(world, self._config, self)
+
+    # --- the truth, as its recorder writes it ---
+
+    def write(self, line: dict[str, Any]) -> None:
+        """A line of the truth."""
+        self._lines.append(line)
+        self._trace.update(repr(line).encode())
+        if self._truth_file is not None:
+            self._truth_file.write(line)
+
+    def close(self) -> None:
+        """After its last line."""
+        if self._truth_file is not None:
+            self._truth_file.close()
+
+    # --- what is heard ---
+
+    def _pass(self, key: str, data: bytes) -> None:
+        self._trace.update(key.encode())
+        self._trace.update(data)
+
+    def hear(self, statuses: list[AgentStatus], events: list[Event], now: float) -> None:
+        """What the station took in a tick."""
+        self._statuses += statuses
+        self.events += events
+        if self._node is not None and self._recorder is not None:
+            for channel in _HEARD:
+                for payload, _ in self._node.take(channel):
+                    self._recorder.take(payload, now)
+
+    def sent(self, payload: Payload, now: float) -> None:
+        """What the station itself said."""
+        if self._recorder is not None:
+            self._recorder.take(payload, now)
+
+    def ended(self, agent: int, status: AgentStatus) -> None:
+        """An agent's own last word."""
+        self._finals[agent] = status
+        if self._folder is not None:
+            (self._folder / FINAL).mkdir(exist_ok=True)
+            data = TypeAdapter(AgentStatus).dump_json(status, indent=1)
+            (self._folder / FINAL / f"{agent}.json").write_bytes(data)
+
+    def judge(self, killed: Mapping[str, bool]) -> tuple[Summary, Truth]:
+        """The flight's summary and truth, once that is closed. `killed`: all processes that a run
+        would have had, and whether this one was killed."""
+        codes = {name: _KILLED if dead else 0 for name, dead in killed.items()}
+        for agent, status in self._finals.items():
+            if not killed[f"agent-{agent}"]:
+                good = status.outcome in (Outcome.COMPLETED, Outcome.ABORTED)
+                codes[f"agent-{agent}"] = 0 if good else 1
+        truth = truth_of(map(truth_line, self._lines), Damage())
+        if self._folder is not None:
+            if self._recorder is not None:
+                self._recorder.close()
+            summary = summarise(self._folder, codes)
+            write_summary(self._folder, summary)
+        else:
+            summary = summary_of(self._run(killed, truth), self.events, (), codes)
+        self._trace.update(f"{summary.outcome} {summary.cause} {summary.reason}".encode())
+        return summary, truth
+
+    def digest(self) -> str:
+        """Of every message, the truth and the verdict, in hexadecimal."""
+        return self._trace.hexdigest()
+
+    def _run(self, killed: Mapping[str, bool], truth: Truth) -> RunFolder:
+        notes = list[str]()
+        plan = self.manifest.plan
+        ids = tuple(agent.id for agent in plan.agents)
+        dead = {agent for agent in ids if killed[f"agent-{agent}"]}
+        last = last_statuses(ids, of_processes(self._statuses), self._final_of(notes), notes, dead)
+        flight = flown(truth, {}, self.manifest, last)
+        return RunFolder(self.manifest, truth, {}, flight, ids, last, notes)
+
+    def _final_of(self, notes: list[str]) -> Any:
+        def final_of(agent: int) -> AgentStatus | None:
+            found = self._finals.get(agent)
+            if found is None:
+                notes.append(f"agent {agent}: it left no account of its end")
+            return found
+
+        return final_of
+
+
+def _manifest(mission: LoadedMission, *, whole: bool) -> Manifest:
+    plan, fleet = mission.plan, mission.fleet
+    started = wall.date_and_time()
+    return Manifest(
+        plan=plan,
+        plan_hash=plan.fingerprint(),
+        fleet=fleet.agents,
+        mission=str(mission.source),
+        swarm=_SWARM,
+        started_at=started if whole else started.min.replace(year=1970, tzinfo=started.tzinfo),
+        speedup=1.0,
+        epoch_s=0.0,
+        lockstep=_SWARM,
+        headless=True,
+        versions=package_versions() if whole else {},
+    )

@@ -1,0 +1,288 @@
+"""A scenario: a mission and all that befalls it, as data. One file flies on the virtual clock, and
+as processes in lockstep.
+
+Weather and faults of the vehicles stand in the mission itself (`simulation`); here is what happens
+to agents, mesh, clocks and station, what pilots do, and what the operator orders. All times are
+seconds of mission time from the start of the processes.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Final, Literal, Self, TypeAlias
+
+from pydantic import Field, ValidationError, model_validator
+
+from swarm_ctl.commands.parse import parse
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.errors import InputError, MissionError
+from swarm_ctl.mission.compile.loader import LoadedMission, load, loads
+from swarm_ctl.mission.input import error_messages, yaml_file
+from swarm_ctl.mission.input.document import Document
+from swarm_ctl.mission.sections.section import AgentId, Section
+from swarm_ctl.mission.sections.simulation_section import FaultEntry, Pilot, SimParameters
+
+STATION: Final = "station"
+
+Moment = Annotated[float, Field(ge=0, le=86_400)]
+Span = Annotated[float, Field(gt=0, le=86_400)]
+Ids = Annotated[tuple[AgentId, ...], Field(min_length=1, max_length=250)]
+Heard: TypeAlias = AgentId | Literal["station"]
+Hearers = Annotated[tuple[Heard, ...], Field(min_length=1, max_length=251)]
+Share = Annotated[float, Field(ge=0, le=1)]
+Count = Annotated[int, Field(ge=0, lt=2**16)]
+Metres = Annotated[float, Field(ge=-10_000, le=10_000)]
+
+
+class MeshQuality(Section):
+    """What happens to each message of the mesh, on each link by itself."""
+
+    loss: Share = 0.0
+    """Share that is lost."""
+    delay_s: Annotated[float, Field(ge=0, le=60)] = 0.0
+    jitter_s: Annotated[float, Field(ge=0, le=60)] = 0.0
+    """Each message is later by up to this; some overtake."""
+    duplicate: Share = 0.0
+    """Share that comes twice."""
+
+
+class OwnClock(Section):
+    """A clock that is not the swarm's."""
+
+    ahead_s: Annotated[float, Field(ge=-1e6, le=1e6)] = 0.0
+    drift: Annotated[float, Field(ge=-1e-3, le=1e-3)] = 0.0
+    """Seconds that it gains in a second."""
+
+
+class Part(Section):
+    """A mesh that falls into two: those of `one` and those of `other` do not hear each other."""
+
+    one: Hearers
+    other: Hearers
+    one_way: bool = False
+    """Those of `one` still are heard by the others."""
+
+
+class Says(Section):
+    """What an agent says of itself under its own key that is not so."""
+
+    agents: Ids
+    moved_m: tuple[Metres, Metres] = (0.0, 0.0)
+    """Its position and stop point are told so far north and east of where they are."""
+    set: dict[Literal["step", "override", "gains_tag", "stage"], Count] = Field({})
+    """Fields of its state that are told wrong."""
+
+
+class Flown(Section):
+    """Parameters of simulated vehicles that change (`simulation` has them all)."""
+
+    agents: Ids
+    set: SimParameters
+
+
+class Taken(Section):
+    """A pilot takes vehicles over."""
+
+    agents: Ids
+    mode: Pilot
+
+
+class Jump(Section):
+    """Clocks that are set."""
+
+    agents: Ids
+    ahead_s: Annotated[float, Field(ge=-1e6, le=1e6)]
+
+
+class Happening(Section):
+    """One thing that happens at `at_s`: exactly one of the fields below it."""
+
+    at_s: Moment
+    for_s: Span | None = None
+    """For how long: of what can end. Default: to the flight's end."""
+    order: Annotated[str, Field(min_length=1, max_length=200, examples=["hold @2", "next"])] = ""
+    """What the operator types at the station."""
+    kill: Ids | None = None
+    """The agents' processes are killed."""
+    restart: Ids | None = None
+    """Killed agents are started again."""
+    stop: Ids | None = None
+    """The agents' processes stand still, and then go on; needs `for_s`."""
+    station: Literal["gone"] | None = None
+    """The ground station is killed; with `for_s`, another one comes then."""
+    part: Part | None = None
+    """The mesh falls into two."""
+    pilot: Taken | None = None
+    """A pilot changes vehicles' modes."""
+    vehicle: Flown | None = None
+    """Vehicles' parameters change."""
+    clock: Jump | None = None
+    """Clocks jump."""
+    says: Says | None = None
+    """Agents tell what is not so."""
+
+    KINDS: ClassVar[tuple[str, ...]] = (
+        "order",
+        "kill",
+        "restart",
+        "stop",
+        "station",
+        "part",
+        "pilot",
+        "vehicle",
+        "clock",
+        "says",
+    )
+
+    @property
+    def kind(self) -> str:
+        """Which of them it is."""
+        return next(name for name in self.KINDS if getattr(self, name))
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        given = [name for name in self.KINDS if getattr(self, name)]
+        if len(given) != 1:
+            found = " and ".join(given) or "nothing"
+            raise ValueError(
+                f"{found} at {self.at_s:g} s; allowed: exactly one of {', '.join(self.KINDS)}"
+            )
+        if self.stop and self.for_s is None:
+            raise ValueError("a stop without for_s; allowed: for_s, the seconds until they go on")
+        return self
+
+    @property
+    def until_s(self) -> float:
+        """When it is over, as far as that is known beforehand."""
+        return self.at_s + (self.for_s or 0.0)
+
+
+class Scenario(Section):
+    """A whole scenario."""
+
+    version: Literal[1]
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,79}$")] = "scenario"
+    mission: str | dict[str, Any]
+    """A mission file beside this one, or the mission itself."""
+    seed: Annotated[int, Field(ge=0, le=2**31)] = 1
+    """Of all random numbers."""
+    mesh: MeshQuality = MeshQuality()
+    clocks: dict[AgentId, OwnClock] = Field({})
+    """By agent; others go by the swarm's clock."""
+    happens: Annotated[tuple[Happening, ...], Field(max_length=1000)] = ()
+    """In any order."""
+    lands_after_s: Span = 60.0
+    """So long after the last happening the operator orders `land`, where an order of his still
+    keeps the mission from going on."""
+
+
+def load_scenario(path: Path | str) -> tuple[Scenario, LoadedMission]:
+    """A scenario's file and its mission, both checked.
+
+    Raises:
+        MissionError: with all mistakes, each with file, line and what is allowed.
+    """
+    path = Path(path)
+    return _checked(yaml_file.read(path, what="scenario"), path)
+
+
+def scenario_of(text: str, name: str = "scenario.yaml") -> tuple[Scenario, LoadedMission]:
+    """As `load_scenario`, of a text; files are looked for in the directory of `name`."""
+    return _checked(yaml_file.parse(text, name), Path(name))
+
+
+def scenario_text(scenario: Scenario) -> str:
+    """The file of a scenario: what was given, not the defaults."""
+    return yaml_file.write(scenario.model_dump(mode="json", exclude_unset=True, by_alias=True))
+
+
+def mission_of(scenario: Scenario, folder: Path) -> LoadedMission:
+    """The scenario's mission, with the happenings that befall vehicles in its timetable.
+    MissionError with its mistakes."""
+    if isinstance(scenario.mission, str):
+        loaded = load(folder / scenario.mission)
+    else:
+        loaded = loads(yaml_file.write(scenario.mission), str(folder / f"{scenario.name}.mission"))
+    return with_faults(loaded, scenario)
+
+
+def with_faults(mission: LoadedMission, scenario: Scenario) -> LoadedMission:
+    """The mission with what a scenario does to its vehicles in its own timetable."""
+    mine = [fault for each in scenario.happens for fault in _faults(each)]
+    if not mine:
+        return mission
+    text = yaml_file.write(
+        mission.file.model_dump(mode="json", exclude_unset=True, by_alias=True)
+        | {"simulation": _with(mission, mine)}
+    )
+    return loads(text, str(mission.source))
+
+
+def _with(mission: LoadedMission, mine: list[FaultEntry]) -> dict[str, Any]:
+    section = mission.file.simulation
+    if section.faults and section.since != "start":
+        raise InputError(
+            f"{mission.source}: simulation.since is liftoff, and the scenario's times count from"
+            " the start; allowed: simulation.since: start, or all faults in one of the two files"
+        )
+    faults = [each.model_dump(mode="json", exclude_unset=True) for each in (*section.faults, *mine)]
+    kept = section.model_dump(mode="json", exclude_unset=True)
+    return kept | {"since": "start", "faults": faults}
+
+
+def _faults(happening: Happening) -> list[FaultEntry]:
+    at_s, for_s = happening.at_s, happening.for_s
+    what: dict[str, Any] = {"at_s": at_s}
+    if happening.vehicle is not None:
+        what |= {"agents": happening.vehicle.agents, "set": happening.vehicle.set}
+        what |= {} if for_s is None else {"for_s": for_s}
+    elif happening.pilot is not None:
+        what |= {"agents": happening.pilot.agents, "pilot": happening.pilot.mode}
+    else:
+        return []
+    return [FaultEntry(**what)]
+
+
+def _checked(document: Document, path: Path) -> tuple[Scenario, LoadedMission]:
+    try:
+        scenario = Scenario.model_validate(document.data)
+    except ValidationError as error:
+        found = (error_messages.problem_of(dict(e), document, _schema()) for e in error.errors())
+        raise MissionError((*document.problems, *found)) from None
+    if document.problems:
+        raise MissionError(tuple(document.problems))
+    mission = mission_of(scenario, path.parent)
+    problems = [
+        document.problem(("happens", k), what, allowed)
+        for k, each in enumerate(scenario.happens)
+        for what, allowed in mistakes(each, mission.plan)
+    ]
+    if problems:
+        raise MissionError(tuple(problems))
+    return scenario, mission
+
+
+def mistakes(happening: Happening, plan: Plan) -> list[tuple[str, str]]:
+    """What is wrong with a happening in this plan, and what would be allowed."""
+    ids = {agent.id for agent in plan.agents}
+    named: set[int | str] = {*(happening.kill or ()), *(happening.restart or ())}
+    named |= {*(happening.stop or ())}
+    named |= {*(each for part in [happening.part] if part for each in (*part.one, *part.other))}
+    for of in (happening.pilot, happening.vehicle, happening.clock, happening.says):
+        named |= set(of.agents) if of is not None else set()
+    unknown = sorted(str(each) for each in named - ids - {STATION})
+    found = [(f"no agent {', '.join(unknown)} in this mission", f"agents {sorted(ids)}")] * bool(
+        unknown
+    )
+    if happening.order:
+        try:
+            parse(happening.order, plan)
+        except InputError as error:
+            found.append((str(error), "what `swarm-ctl send` takes"))
+    return found
+
+
+@cache
+def _schema() -> dict[str, Any]:
+    return Scenario.model_json_schema()
