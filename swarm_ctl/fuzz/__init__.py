@@ -1,0 +1,1 @@
+"""Scenarios drawn from a seed, what must hold in each of them, and golden traces."""
