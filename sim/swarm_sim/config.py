@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
@@ -53,6 +53,12 @@ class TimetableEntry(_StrictConfig):
     sysid: int | None = None
     set: dict[SimParameter, float] = {}
     pilot: PilotMode | None = None
+
+    @model_validator(mode="after")
+    def _does_something(self) -> Self:
+        if not self.set and self.pilot is None:
+            raise ValueError("neither set nor pilot; allowed: one of them, or both")
+        return self
 
 
 _ADDRESS = r"(udpin|udpout|tcpin):[0-9A-Za-z.\-]+:[0-9]{1,5}"

@@ -107,7 +107,10 @@ class Server:
                     self.hub.listen(link, opened.peers())
             if self._config.truth_path is not None:
                 file = TruthFile(self._config.truth_path)
-                self.hub.recorder = TruthRecorder(self.hub.world, self._config, file)
+                clocked = self._config.lockstep is None
+                self.hub.recorder = TruthRecorder(
+                    self.hub.world, self._config, file, clocked=clocked
+                )
                 stack.callback(self.hub.recorder.close)
             if self._config.lockstep is not None:
                 self._barrier = Barrier(self._config.lockstep)

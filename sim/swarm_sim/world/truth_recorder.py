@@ -24,18 +24,22 @@ class TruthSink(Protocol):
 
 
 class TruthRecorder:
-    """Call `after_step` after each step of the world, and `close` at the end."""
+    """Call `after_step` after each step of the world, and `close` at the end.
 
-    def __init__(self, world: World, config: SimConfig, file: TruthSink) -> None:
+    `clocked`: the world goes by this computer's clock, and the header says how; else the same seed
+    has the same file.
+    """
+
+    def __init__(
+        self, world: World, config: SimConfig, file: TruthSink, *, clocked: bool = False
+    ) -> None:
         self._world = world
         self._file = file
         self._interval_s = 1.0 / config.truth_rate_hz
         self._due_s = world.next_s
         self._written_s = -math.inf
         self._sysids = [vehicle.sysid for vehicle in world.vehicles]
-        clock = {"epoch_s": config.epoch_s, "speedup": config.speedup}
-        if config.lockstep is not None:
-            clock = {}  # the same seed, the same file
+        clock = {"epoch_s": config.epoch_s, "speedup": config.speedup} if clocked else {}
         self._write(
             "header", version=1, origin=config.origin.model_dump(), sysids=self._sysids, **clock
         )

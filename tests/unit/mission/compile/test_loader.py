@@ -460,7 +460,7 @@ def test_many_stretched_links_are_one_warning_with_what_is_enough() -> None:
 def test_the_examples_in_the_missions_page_are_right(tmp_path: Path) -> None:
     page = (MISSIONS.parent / "docs" / "pages" / "missions.md").read_text()
     mission, faults, fleet, routers = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
-    assert len(loads(mission + faults).file.simulation.faults) == 2
+    assert len(loads(mission + faults).file.simulation.faults) == 3
     loaded = loads(mission + "fleet:\n" + textwrap.indent(fleet, "  "))
     assert loaded.plan == loads(mission).plan
     assert [entry.sysid for entry in loaded.fleet.agents] == [11, 12]

@@ -150,7 +150,7 @@ def test_truth_is_readable_at_any_time_and_says_what_the_brief_says(tmp_path: Pa
     path = tmp_path / "run" / "truth.jsonl"
     clients = Clients(2, spacing_m=4.0)
     settings = config(2, spacing_m=4.0)
-    recorder = TruthRecorder(clients.hub.world, settings, TruthFile(path))
+    recorder = TruthRecorder(clients.hub.world, settings, TruthFile(path), clocked=True)
     clients.hub.recorder = recorder
     clients.command(0, A, 176, 1, GUIDED)
     clients.command(0, A, 400, 1)
