@@ -42,15 +42,13 @@ class Preflight:
 
     def refusal(self, tick: Tick) -> str:
         """What keeps the vehicle on the ground, or ''."""
-        why = (
-            self._vehicle(tick) or self._keys(tick.now) or self.other_plan(tick.peers, tick.station)
-        )
-        return why or _unsure_of(tick.peers)
+        unheard = self.expect_station and tick.station is None
+        why = self._vehicle(tick) or self._keys(tick.now)
+        why = why or ("no ground station heard yet" if unheard else "")
+        return why or self.other_plan(tick.peers, tick.station) or _unsure_of(tick.peers)
 
     def other_plan(self, peers: PeerSnapshot, station: HeardStation | None) -> str:
-        """The peer or station that has another plan, or a station that is missing; ''."""
-        if station is None and self.expect_station:
-            return "no ground station heard yet"
+        """The peer or station that has another plan, or ''."""
         plans = [(f"agent {p.id}", p.state.plan_hash) for p in peers.peers if p.state is not None]
         if station is not None:
             plans.append((f"station {station[0].station}", station[0].plan_hash))
