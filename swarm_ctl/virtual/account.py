@@ -54,8 +54,8 @@ class Account:
         self.manifest = _manifest(mission, whole=folder is not None)
         self._config = config
         self._lines: list[dict[str, Any]] = []
-        self._statuses: list[AgentStatus] = []
-        self._finals: dict[int, AgentStatus] = {}
+        self.statuses: list[AgentStatus] = []
+        self.finals: dict[int, AgentStatus] = {}
         self.events: list[Event] = []
         self._trace = hashlib.sha256()
         self._node: Node | None = None
@@ -98,7 +98,7 @@ class Account:
 
     def hear(self, statuses: list[AgentStatus], events: list[Event], now: float) -> None:
         """What the station took in a tick."""
-        self._statuses += statuses
+        self.statuses += statuses
         self.events += events
         if self._node is not None and self._recorder is not None:
             for channel in _HEARD:
@@ -112,7 +112,7 @@ class Account:
 
     def ended(self, agent: int, status: AgentStatus) -> None:
         """An agent's own last word."""
-        self._finals[agent] = status
+        self.finals[agent] = status
         if self._folder is not None:
             (self._folder / FINAL).mkdir(exist_ok=True)
             data = TypeAdapter(AgentStatus).dump_json(status, indent=1)
@@ -122,7 +122,7 @@ class Account:
         """The flight's summary and truth, once that is closed. `killed`: all processes that a run
         would have had, and whether this one was killed."""
         codes = {name: _KILLED if dead else 0 for name, dead in killed.items()}
-        for agent, status in self._finals.items():
+        for agent, status in self.finals.items():
             if not killed[f"agent-{agent}"]:
                 good = status.outcome in (Outcome.COMPLETED, Outcome.ABORTED)
                 codes[f"agent-{agent}"] = 0 if good else 1
@@ -146,13 +146,13 @@ class Account:
         plan = self.manifest.plan
         ids = tuple(agent.id for agent in plan.agents)
         dead = {agent for agent in ids if killed[f"agent-{agent}"]}
-        last = last_statuses(ids, of_processes(self._statuses), self._final_of(notes), notes, dead)
+        last = last_statuses(ids, of_processes(self.statuses), self._final_of(notes), notes, dead)
         flight = flown(truth, {}, self.manifest, last)
         return RunFolder(self.manifest, truth, {}, flight, ids, last, notes)
 
     def _final_of(self, notes: list[str]) -> Any:
         def final_of(agent: int) -> AgentStatus | None:
-            found = self._finals.get(agent)
+            found = self.finals.get(agent)
             if found is None:
                 notes.append(f"agent {agent}: it left no account of its end")
             return found

@@ -174,7 +174,13 @@ class Scenario(Section):
     """In any order."""
     lands_after_s: Span = 60.0
     """So long after the last happening the operator orders `land`, where an order of his still
-    keeps the mission from going on."""
+    keeps the mission from going on; and pilots land the vehicles that they still hold."""
+
+    @property
+    def ends_s(self) -> float | None:
+        """When the last happening is over, and `lands_after_s` as well; None: nothing happens."""
+        last_s = max((each.until_s for each in self.happens), default=None)
+        return None if last_s is None else last_s + self.lands_after_s
 
 
 def load_scenario(path: Path | str) -> tuple[Scenario, LoadedMission]:
@@ -210,6 +216,7 @@ def mission_of(scenario: Scenario, folder: Path) -> LoadedMission:
 def with_faults(mission: LoadedMission, scenario: Scenario) -> LoadedMission:
     """The mission with what a scenario does to its vehicles in its own timetable."""
     mine = [fault for each in scenario.happens for fault in _faults(each)]
+    mine += _given_up(scenario)
     if not mine:
         return mission
     text = yaml_file.write(
@@ -229,6 +236,18 @@ def _with(mission: LoadedMission, mine: list[FaultEntry]) -> dict[str, Any]:
     faults = [each.model_dump(mode="json", exclude_unset=True) for each in (*section.faults, *mine)]
     kept = section.model_dump(mode="json", exclude_unset=True)
     return kept | {"since": "start", "faults": faults}
+
+
+def _given_up(scenario: Scenario) -> list[FaultEntry]:
+    """Pilots do not fly for ever: they land what they keep in the air, in the end."""
+    last: dict[int, Pilot] = {}
+    for each in sorted(scenario.happens, key=lambda each: each.at_s):
+        if each.pilot is not None:
+            last |= dict.fromkeys(each.pilot.agents, each.pilot.mode)
+    kept = tuple(agent for agent, mode in last.items() if mode in ("hold", "manual"))
+    if not kept or scenario.ends_s is None:
+        return []
+    return [FaultEntry(at_s=scenario.ends_s, agents=kept, pilot="land")]
 
 
 def _faults(happening: Happening) -> list[FaultEntry]:

@@ -14,7 +14,7 @@ from swarm_ctl.commands.build import AgentNow, SwarmNow, build
 from swarm_ctl.commands.parse import parse
 from swarm_ctl.commands.send import CommandSender, SentCommand
 from swarm_ctl.core.agent.progress import step_name
-from swarm_ctl.core.model.messages import AgentState, Event, Phase
+from swarm_ctl.core.model.messages import AgentState, AgentStatus, Event, Phase
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S, NEIGHBOUR_S
 from swarm_ctl.errors import InputError
@@ -39,10 +39,10 @@ def longest_s(plan: Plan, scenario: Scenario | None = None) -> float:
     the longest way down at the end, and without agents after that."""
     steps = sum(step.timeout_s for step in plan.steps)
     waits = plan.prepare_timeout_s + steps + 2.0 * LANDING_AT_MOST_S + _DRAIN_S
-    if scenario is None or not scenario.happens:
+    if scenario is None or scenario.ends_s is None:
         return waits
     policies = plan.policies
-    waits += max(each.until_s for each in scenario.happens) + scenario.lands_after_s
+    waits += scenario.ends_s
     return waits + policies.override_pause_s + policies.hold_before_land_s
 
 
@@ -77,6 +77,8 @@ class FlownScenario:
     mission: LoadedMission
     summary: Summary
     truth: Truth
+    statuses: tuple[AgentStatus, ...]
+    """As the station heard them, and each agent's own last one."""
     events: tuple[Event, ...]
     orders: tuple[GivenOrder, ...]
     met: tuple[Met, ...]
@@ -151,8 +153,7 @@ class ScenarioFlight:
         self._due: list[tuple[float, int, _Due]] = []
         for happening in scenario.happens:
             self._plan(happening)
-        last_s = max((each.until_s for each in scenario.happens), default=None)
-        self._lands_s = None if last_s is None else last_s + scenario.lands_after_s
+        self._lands_s = scenario.ends_s
 
     # --- the timetable ---
 
@@ -360,6 +361,7 @@ class ScenarioFlight:
             self.mission,
             summary,
             truth,
+            (*self.account.statuses, *self.account.finals.values()),
             tuple(self.account.events),
             tuple(self.orders),
             tuple(self.met),

@@ -1,0 +1,699 @@
+"""What must hold in every flight of a scenario, by the simulator's truth.
+
+Each check is a sentence of docs/pages/fuzz.md. It looks at the vehicles, not at what agents say of
+them; where it needs an agent's word (that an order was taken, why a mission broke off), the word is
+held against the truth. What a scenario takes out of the swarm's hands (a pilot, a vehicle that
+tells a wrong place, an agent that lies) is left out for as long as that lasts, and no longer.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from swarm_ctl.core.model.causes import Cause, FailsafeAction
+from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Outcome, Phase
+from swarm_ctl.core.model.plan import LandStep, Policy, ReturnStep, TakeoffStep
+from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.core.model.vehicle import MISPLACED_M, OVER_M
+from swarm_ctl.core.safety.fence import inside
+from swarm_ctl.core.swarm.hearing import SMALL_SWARM
+from swarm_ctl.mission.checks import envelope
+from swarm_ctl.mission.compile.forecast import forecast
+from swarm_ctl.report.folder.truth import EventKind
+from swarm_ctl.report.judge.summary import StepVerdict
+from swarm_ctl.virtual.scenario import Happening
+from swarm_ctl.virtual.scenario_flight import FlownScenario, GivenOrder
+
+_FREE_M: Final = 4.0
+"""Starts this much over r_in apart leave room for take-offs and landings that autopilots fly."""
+_LATE_S: Final = 0.2
+_LOST: Final = 0.2
+"""States that are late or lost by up to this are inside the envelope."""
+_NOISE_M: Final = 0.5
+"""An estimate that is off by this much is weather, not a fault."""
+_WIND_MPS: Final = 6.0
+_OUT_M: Final = 2.0
+_OUT_S: Final = 2.0
+"""Beyond the fence for longer and farther, a policy has to have acted."""
+_ACTS_S: Final = 6.0
+"""After the time of a policy: for the word to come, and the statuses at 2 Hz."""
+_MOVES_M: Final = 1.0
+"""On the ground, disarmed."""
+_TOUCHES_MPS: Final = 0.3
+"""A landing is no slower than this, in the mean."""
+_BATTERY_S: Final = 600.0
+"""A full one lasts so long."""
+_FAIR: Final = 1.6
+_FAIR_S: Final = 12.0
+"""A step in fair weather takes at most so many times its forecast, and so much more."""
+
+
+class Invariant(StrEnum):
+    """One that a flight may break."""
+
+    ENDS = "it ends within its bound"
+    DOWN = "all are down and disarmed in the end"
+    APART = "no pair is under r_in"
+    FENCED = "nobody is out of the fence without its policy acting"
+    ORDERED = "nothing moves that was not ordered"
+    OBEYS = "an order that was accepted is carried out"
+    ACTS = "what is lost makes its policy act"
+    VERDICT = "verdict, cause and truth agree"
+    FORECAST = "the forecast holds in fair weather"
+    RAISES = "no error is raised"
+    SAME = "the same seed has the same bytes"
+
+
+@dataclass(frozen=True, slots=True)
+class Broken:
+    """An invariant that did not hold, and how."""
+
+    invariant: Invariant
+    text: str
+
+
+def broken(flown: FlownScenario) -> list[Broken]:
+    """All that did not hold in this flight. `RAISES` and `SAME` are for whoever flies it."""
+    seen = _Seen(flown)
+    return [Broken(invariant, text) for invariant, check in CHECKS.items() for text in check(seen)]
+
+
+class _Seen:
+    """A flight as the checks look at it."""
+
+    def __init__(self, flown: FlownScenario) -> None:
+        self.flown, self.plan, self.truth = flown, flown.mission.plan, flown.truth
+        self.happens = flown.scenario.happens
+        self.ids = [agent.id for agent in self.plan.agents]
+        sysid = {entry.id: entry.sysid for entry in flown.mission.fleet.agents}
+        column = {s: k for k, s in enumerate(self.truth.sysids)}
+        self.column = {agent: column[sysid[agent]] for agent in self.ids}
+        self.agent_of = {sysid[agent]: agent for agent in self.ids}
+        self.unit_m = self.plan.unit_m
+        self.r_in_m = self.plan.law.r_in * self.unit_m
+
+    def events(self, agent: int, kind: EventKind) -> list[float]:
+        """When it happened to this agent's vehicle."""
+        return [
+            event.time_s
+            for event in self.truth.events
+            if event.event == kind and self.agent_of.get(event.sysid) == agent
+        ]
+
+    def track(self, agent: int) -> npt.NDArray[np.float64]:
+        """(T, 3), north, east and down [m]."""
+        found: npt.NDArray[np.float64] = self.truth.position_ned_m[:, self.column[agent]]
+        return found
+
+    def airborne(self, agent: int) -> npt.NDArray[np.bool_]:
+        """(T,)"""
+        found: npt.NDArray[np.bool_] = self.truth.airborne[:, self.column[agent]]
+        return found
+
+    @cached_property
+    def statuses(self) -> dict[int, list[AgentStatus]]:
+        """By agent, in the order of time."""
+        found: dict[int, list[AgentStatus]] = {agent: [] for agent in self.ids}
+        for status in self.flown.statuses:
+            found[status.agent].append(status)
+        return found
+
+    @cached_property
+    def parameters(self) -> dict[str, float]:
+        """Of all vehicles, from the start."""
+        return self.flown.mission.file.simulation.parameters.given()
+
+    @cached_property
+    def faults(self) -> list[tuple[float, float, tuple[int, ...], dict[str, float], str]]:
+        """From, to, of whom, which parameters, which pilot's mode."""
+        found: list[tuple[float, float, tuple[int, ...], dict[str, float], str]] = []
+        for entry in self.flown.mission.file.simulation.faults:
+            until_s = math.inf if entry.for_s is None else entry.at_s + entry.for_s
+            agents = entry.agents or tuple(self.ids)
+            found.append((entry.at_s, until_s, agents, entry.set.given(), entry.pilot or ""))
+        return found
+
+    @cached_property
+    def from_start(self) -> bool:
+        """The times of the vehicles' faults count from the start."""
+        return self.flown.mission.file.simulation.since == "start"
+
+    def of(self, *kinds: str) -> list[Happening]:
+        """The happenings of these kinds, in the order of time."""
+        return sorted(
+            (each for each in self.happens if each.kind in kinds), key=lambda each: each.at_s
+        )
+
+    def first(self, agent: int, *kinds: str) -> float:
+        """When such a thing first befell this agent [s]; inf: never."""
+        times = []
+        for each in self.of(*kinds):
+            named = {
+                "kill": each.kill,
+                "stop": each.stop,
+                "restart": each.restart,
+                "pilot": each.pilot and each.pilot.agents,
+                "says": each.says and each.says.agents,
+                "clock": each.clock and each.clock.agents,
+                "vehicle": each.vehicle and each.vehicle.agents,
+            }[each.kind]
+            if agent in (named or ()):
+                times.append(each.at_s)
+        return min(times, default=math.inf)
+
+    @cached_property
+    def taken(self) -> dict[int, float]:
+        """From when on an agent's vehicle is in a pilot's hands, or in those of a fault that makes
+        it fall, blind or deaf: inf for most."""
+        found = dict.fromkeys(self.ids, math.inf)
+        for from_s, _, agents, values, pilot in self.faults:
+            grave = pilot or any(_grave(name, value) for name, value in values.items())
+            for agent in agents if grave else ():
+                found[agent] = min(found[agent], from_s if self.from_start else 0.0)
+        for agent in self.ids if any(_grave(*each) for each in self.parameters.items()) else ():
+            found[agent] = 0.0
+        return found
+
+    @cached_property
+    def lies(self) -> dict[int, float]:
+        """From when on an agent tells what is not so."""
+        return {agent: self.first(agent, "says") for agent in self.ids}
+
+    @cached_property
+    def good_mesh(self) -> bool:
+        """States come as the envelope has them."""
+        mesh = self.flown.scenario.mesh
+        return mesh.loss <= _LOST and mesh.delay_s + mesh.jitter_s <= _LATE_S
+
+    @cached_property
+    def wind_mps(self) -> float:
+        """The most that it is set to anywhere, gusts of three deviations included."""
+        sets = [self.parameters, *(values for _, _, _, values, _ in self.faults)]
+        speed = max(values.get("SIM_WIND_SPD", 0.0) for values in sets)
+        return speed + 3.0 * max(values.get("SIM_WIND_GUST", 0.0) for values in sets)
+
+    @cached_property
+    def enveloped(self) -> bool:
+        """The mission is inside the envelope (a tick of up to 0.1 s is let through), and so is the
+        weather."""
+        found = [finding for finding in envelope.outside(self.plan) if finding.place != ("tick_s",)]
+        return not found and self.plan.safety.filter and self.wind_mps <= _WIND_MPS
+
+    @cached_property
+    def apart_at_start(self) -> float:
+        """The smallest distance of two starts [m]."""
+        starts = [agent.start for agent in self.plan.agents]
+        pairs = itertools.combinations(starts, 2)
+        return min((math.dist(a, b) * self.unit_m for a, b in pairs), default=math.inf)
+
+    @cached_property
+    def fair(self) -> bool:
+        """Nothing happens, and nothing blows."""
+        plan, scenario = self.plan, self.flown.scenario
+        answers = [entry.response for entry in self.flown.mission.fleet.agents]
+        return (
+            not self.happens
+            and not self.parameters
+            and not self.faults
+            and not scenario.mesh.model_dump(exclude_defaults=True)
+            and not scenario.clocks
+            and all(each is None or each == plan.response for each in answers)
+            and all(entry.simulated_response is None for entry in self.flown.mission.fleet.agents)
+            and self.enveloped
+            and self.apart_at_start >= self.r_in_m + _FREE_M
+        )
+
+    def orders(self, agent: int, *kinds: CommandKind) -> list[GivenOrder]:
+        """Those that this agent accepted; all kinds if none is named."""
+        return [
+            order
+            for order in self.flown.orders
+            if order.sent is not None
+            and (ack := order.sent.acks.get(agent)) is not None
+            and ack.accepted
+            and (not kinds or order.sent.command.kind in kinds)
+        ]
+
+    def step_start(self, k: int) -> float:
+        """When the first agent began step k [s]; inf: none did."""
+        starts = [
+            status.steps[k].start_s
+            for said in self.statuses.values()
+            for status in said[-1:]
+            if len(status.steps) > k
+        ]
+        return min(starts, default=math.inf)
+
+    @cached_property
+    def home_s(self) -> float:
+        """When the plan's own landing began [s]; inf: it did not."""
+        steps = enumerate(self.plan.steps, 1)
+        home = (k for k, step in steps if isinstance(step, LandStep | ReturnStep))
+        return min(map(self.step_start, home), default=math.inf)
+
+
+def _grave(name: str, value: float) -> bool:
+    """A parameter with which a vehicle is no longer where it says, or no longer does as told."""
+    if name in ("SIM_WIND_SPD", "SIM_WIND_DIR", "SIM_WIND_GUST", "SIM_GPS_ACC", "SIM_GPS_SATS"):
+        return False
+    if name in ("SIM_GPS_NOISE", "SIM_GPS_DRIFT", "SIM_VEL_NOISE"):
+        return value > _NOISE_M
+    if name == "SIM_DELAY":
+        return value > 0.05
+    if name == "SIM_LOSS":
+        return value > 5.0
+    if name == "SIM_BATT_DRAIN":
+        return value > 1.0
+    return value != 0.0
+
+
+# --- the checks ---
+
+
+def _ends(seen: _Seen) -> Iterator[str]:
+    flown = seen.flown
+    if flown.up:
+        yield f"{agents_named(flown.up)} had not ended by {flown.bound_s:.0f} s"
+
+
+def _down(seen: _Seen) -> Iterator[str]:
+    truth = seen.truth
+    if not len(truth.time_s):
+        yield "there is no truth of it"
+        return
+    for agent in seen.ids:
+        k = seen.column[agent]
+        if not (truth.armed[-1, k] or truth.airborne[-1, k]) or math.isfinite(seen.taken[agent]):
+            continue
+        how = "in the air" if truth.airborne[-1, k] else "armed"
+        yield f"the vehicle of agent {agent} was {how} at the end, {truth.time_s[-1]:.1f} s"
+
+
+def _apart(seen: _Seen) -> Iterator[str]:
+    if not (seen.enveloped and seen.good_mesh):
+        return
+    close = seen.apart_at_start < seen.r_in_m + _FREE_M
+    for a, b in itertools.combinations(seen.ids, 2):
+        until_s = min(seen.taken[a], seen.taken[b], seen.lies[a], seen.lies[b])
+        found = _closest(seen, a, b, until_s, autopilots=not close)
+        if found is not None and found[0] < seen.r_in_m:
+            near_m, time_s = found
+            yield (
+                f"agents {a} and {b} were {near_m:.2f} m apart at {time_s:.1f} s, under r_in"
+                f" {seen.r_in_m:.2f} m"
+            )
+
+
+def _closest(
+    seen: _Seen, a: int, b: int, until_s: float, *, autopilots: bool
+) -> tuple[float, float] | None:
+    """Of a pair before `until_s`: how close [m] and when. Both in the air; and with `autopilots`
+    also where one stands, up to `OVER_M` below. Without, only where agents fly both."""
+    truth, one, other = seen.truth, seen.track(a), seen.track(b)
+    up = seen.airborne(a) & seen.airborne(b)
+    counts = truth.time_s < until_s
+    if autopilots:
+        level = np.abs(one[:, 2] - other[:, 2]) <= OVER_M
+        counts = counts & (up | ((seen.airborne(a) | seen.airborne(b)) & level))
+    else:
+        counts = counts & up & _flown_by_agents(seen, a) & _flown_by_agents(seen, b)
+    if not counts.any():
+        return None
+    gap = np.linalg.norm(one[:, :2] - other[:, :2], axis=1)
+    gap[~counts] = np.inf
+    at = int(gap.argmin())
+    return float(gap[at]), float(truth.time_s[at])
+
+
+def _flown_by_agents(seen: _Seen, agent: int) -> npt.NDArray[np.bool_]:
+    """(T,): while its vehicle follows setpoints, by its phases."""
+    time_s, found = seen.truth.time_s, np.zeros(len(seen.truth.time_s), dtype=np.bool_)
+    said = seen.statuses[agent]
+    for status, later in itertools.pairwise(said):
+        if status.phase in (Phase.FLY, Phase.HOLD) and later.phase in (Phase.FLY, Phase.HOLD):
+            found |= (time_s >= status.time_s) & (time_s <= later.time_s)
+    return found
+
+
+def _fenced(seen: _Seen) -> Iterator[str]:
+    fence, truth = seen.plan.fence, seen.truth
+    if fence is None or seen.plan.policies.fence is Policy.CONTINUE:
+        return
+    for agent in seen.ids:
+        until_s = min(seen.taken[agent], seen.first(agent, "kill", "stop", "clock"))
+        track, flies = seen.track(agent), seen.airborne(agent)
+        polygon = np.array(fence.polygon_m)
+        north, east = polygon.mean(axis=0) if len(polygon) else (0.0, 0.0)
+        out_s = None
+        for k in np.flatnonzero(flies & (truth.time_s < until_s)).tolist():
+            n, e, d = track[k].tolist()
+            way = math.hypot(n - north, e - east) or 1.0
+            back = min(1.0, _OUT_M / way)  # a point that much nearer to the middle
+            nearer = (n + (north - n) * back, e + (east - e) * back)
+            beyond = -d > fence.height_m + _OUT_M or not inside(fence.polygon_m, nearer)
+            if not beyond:
+                out_s = None
+                continue
+            out_s = float(truth.time_s[k]) if out_s is None else out_s
+            if truth.time_s[k] - out_s > _OUT_S and not _acts(seen, agent, out_s):
+                yield (
+                    f"agent {agent} was at ({n:.1f}, {e:.1f}), {-d:.1f} m high, out of the fence,"
+                    f" from {out_s:.1f} s on, and did nothing"
+                )
+                break
+
+
+def _acts(seen: _Seen, agent: int, at_s: float) -> bool:
+    """Whether the agent did something else than its mission by then, or had ended."""
+    for status in seen.statuses[agent]:
+        if status.time_s <= at_s + _ACTS_S and status.action is not None:
+            return True
+        if status.time_s <= at_s + _ACTS_S and status.phase in (Phase.LAND, Phase.RETURN):
+            return True
+    last = seen.statuses[agent][-1:]
+    return not last or last[0].phase is Phase.ENDED
+
+
+def _ordered(seen: _Seen) -> Iterator[str]:
+    truth, plan = seen.truth, seen.plan
+    up = next((k for k, step in enumerate(plan.steps, 1) if isinstance(step, TakeoffStep)), 1)
+    flies_s = seen.step_start(up + 1)
+    for agent in seen.ids:
+        track, taken_s = seen.track(agent), seen.taken[agent]
+        lifts = [at for at in seen.events(agent, EventKind.LIFTOFF) if at < taken_s]
+        stops = [order.at_s for order in seen.orders(agent, *_STOPS)]
+        if len(lifts) > 1:
+            yield f"agent {agent} took off again at {lifts[1]:.1f} s"
+        for at in lifts:
+            if at > flies_s + 1.0:
+                yield f"agent {agent} took off at {at:.1f} s, the others fly since {flies_s:.1f} s"
+            if any(given < at - 2.0 for given in stops):
+                yield f"agent {agent} took off at {at:.1f} s, after {min(stops):.1f} s told to land"
+        k = seen.column[agent]
+        stands = ~truth.armed[:, k] & ~truth.airborne[:, k]
+        for run in _runs(stands):
+            moved = np.linalg.norm(track[run] - track[run.start], axis=1)
+            if len(moved) and moved.max() > _MOVES_M:
+                at = float(truth.time_s[run][int(moved.argmax())])
+                yield f"agent {agent} moved by {moved.max():.1f} m on the ground by {at:.1f} s"
+        for order in seen.orders(agent, CommandKind.LAND):
+            moved_m = _way_down(seen, agent, order.at_s)
+            if moved_m > _may_slide(seen):
+                yield f"agent {agent} flew {moved_m:.1f} m after `{order.line}`, {order.at_s:g} s"
+
+
+_STOPS: Final = (CommandKind.LAND, CommandKind.KILL)
+
+
+def _runs(stands: npt.NDArray[np.bool_]) -> Iterator[slice]:
+    """Stretches of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], stands.astype(int), [0]))))
+    for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        yield slice(begin, end)
+
+
+def _may_slide(seen: _Seen) -> float:
+    """How far an agent may fly that is told to land [m]: it brakes, and makes room."""
+    speed, response = seen.plan.limits.speed_mps, seen.plan.response
+    brakes_m = speed * (response.dead_time_s + response.lag_s + 0.5) + speed**2 / 4.0
+    return brakes_m + seen.r_in_m + 4.0 + 0.5 * seen.wind_mps
+
+
+def _way_down(seen: _Seen, agent: int, at_s: float) -> float:
+    """How far it flew from there to where it came down [m]; 0 where other hands had a part."""
+    downs = [at for at in seen.events(agent, EventKind.TOUCHDOWN) if at > at_s]
+    until_s = min(seen.taken[agent], seen.first(agent, "kill", "stop"))
+    later = [order.at_s for order in seen.orders(agent) if order.at_s > at_s]
+    if not downs or downs[0] > min([until_s, *later]) or at_s > seen.home_s:
+        return 0.0
+    if any(s.action is FailsafeAction.RETURN and s.time_s < at_s + 1 for s in seen.statuses[agent]):
+        return 0.0
+    begin, end = np.searchsorted(seen.truth.time_s, [at_s, downs[0]]).tolist()
+    track = seen.track(agent)
+    end = min(end, len(track) - 1)
+    return float(math.dist(track[begin, :2], track[end, :2]))
+
+
+def _obeys(seen: _Seen) -> Iterator[str]:
+    for agent in seen.ids:
+        hands_s = min(
+            seen.taken[agent], seen.lies[agent], seen.first(agent, "kill", "stop", "clock")
+        )
+        given = seen.orders(agent)
+        for order, later in itertools.zip_longest(given, given[1:]):
+            until_s = min(hands_s, later.at_s if later is not None else math.inf)
+            text = _obeyed(seen, agent, order, until_s)
+            if text:
+                yield f"agent {agent} accepted `{order.line}` at {order.at_s:g} s, and {text}"
+
+
+def _obeyed(seen: _Seen, agent: int, order: GivenOrder, until_s: float) -> str:
+    """What it did instead, or ''."""
+    kind = order.sent.command.kind if order.sent is not None else ""
+    late_s = 1.0 + seen.flown.scenario.mesh.delay_s + seen.flown.scenario.mesh.jitter_s
+    late_s += 10.0 if seen.flown.scenario.mesh.loss or seen.of("part") else 0.0
+    at_s, truth, k = order.at_s, seen.truth, seen.column[agent]
+    if kind == CommandKind.KILL:
+        armed = truth.armed[(truth.time_s > at_s + late_s + 3.0) & (truth.time_s < until_s), k]
+        return "its motors went on" if armed.any() else ""
+    if kind in (CommandKind.LAND, CommandKind.RETURN):
+        within_s = late_s + _down_within(seen, agent, at_s, home=kind == CommandKind.RETURN)
+        flies = truth.airborne[(truth.time_s > at_s + within_s) & (truth.time_s < until_s), k]
+        if flies.any():
+            return f"it was in the air {within_s:.0f} s later"
+        return _came_home(seen, agent, until_s) if kind == CommandKind.RETURN else ""
+    if kind in (CommandKind.HOLD, CommandKind.EXPEL) and _is_meant(agent, order):
+        return _moved_in_hold(seen, agent, at_s + late_s, until_s)
+    return ""
+
+
+def _is_meant(agent: int, order: GivenOrder) -> bool:
+    """This agent is to hold, by this order: `expel` makes those hold that it is about."""
+    command = order.sent.command if order.sent is not None else None
+    return command is not None and (command.kind == CommandKind.HOLD or agent in command.about)
+
+
+def _down_within(seen: _Seen, agent: int, at_s: float, *, home: bool) -> float:
+    """The longest that an ordered landing takes [s]."""
+    time_s, plan = seen.truth.time_s, seen.plan
+    at = min(int(np.searchsorted(time_s, at_s)), len(time_s) - 1)
+    north, east, down = seen.track(agent)[at].tolist()
+    high_m = max(-down, 0.0) + (len(seen.ids) * plan.policies.return_separation_m if home else 0.0)
+    lands_s: float = 20.0 + high_m / min(_TOUCHES_MPS, 0.5 * plan.limits.descent_mps)
+    if not home:
+        return lands_s
+    start = plan.agent(agent).start
+    way_m = math.dist((north, east), (start[0] * seen.unit_m, start[1] * seen.unit_m))
+    flies_s = 2.0 * way_m / plan.policies.return_speed_mps
+    return 2.0 * lands_s + 120.0 * len(seen.ids) + flies_s
+
+
+def _came_home(seen: _Seen, agent: int, until_s: float) -> str:
+    last = seen.statuses[agent][-1:]
+    if not last or last[0].cause is not Cause.ORDER or last[0].outcome is not Outcome.ABORTED:
+        return ""  # it says why it did not
+    downs = [at for at in seen.events(agent, EventKind.TOUCHDOWN) if at < until_s]
+    if not downs:
+        return ""
+    start = seen.plan.agent(agent).start
+    place = seen.track(agent)[-1, :2]
+    off_m = math.dist(place, (start[0] * seen.unit_m, start[1] * seen.unit_m))
+    return f"it came down {off_m:.1f} m from its start" if off_m > MISPLACED_M + 1.0 else ""
+
+
+def _moved_in_hold(seen: _Seen, agent: int, at_s: float, until_s: float) -> str:
+    """A vehicle that is to hold stays where it is, but for room that it makes for others."""
+    held = [s for s in seen.statuses[agent] if at_s + 6.0 < s.time_s < until_s]
+    others = [s.time_s for s in held if s.action is not None or s.phase is not Phase.FLY]
+    until_s = min([until_s, *others, *(s.time_s for s in held[-1:])])
+    time_s = seen.truth.time_s
+    stretch = (time_s > at_s + 6.0) & (time_s < until_s)
+    if stretch.sum() < 2:
+        return ""
+    places = seen.track(agent)[stretch]
+    moved_m = float(np.linalg.norm(places[:, :2] - places[0, :2], axis=1).max())
+    rose_m = float(np.abs(places[:, 2] - places[0, 2]).max())
+    allowed_m = 2.0 + 1.5 * seen.plan.law.r_out * seen.unit_m
+    if moved_m > allowed_m or rose_m > 2.0:
+        return f"it moved by {max(moved_m, rose_m):.1f} m while it held"
+    return ""
+
+
+def _policies_act(seen: _Seen) -> Iterator[str]:
+    """Of what is certain: an agent that is dead or stopped, a station that is gone, long enough."""
+    policies = seen.plan.policies
+    if not seen.good_mesh or seen.of("clock", "says") or seen.flown.scenario.clocks:
+        return
+    for each in seen.of("kill", "stop", "station"):
+        gone = set(each.kill or each.stop or ())
+        back = [b.at_s for b in seen.of("restart") if gone & set(b.restart or ())]
+        ends = [each.until_s] if each.for_s else []
+        until_s = min([*ends, *(at for at in back if at > each.at_s)], default=math.inf)
+        policy, after_s = policies.agent_lost, policies.agent_lost_after_s
+        words = f"{agents_named(sorted(gone))} fell silent"
+        if each.kind == "station":
+            policy, after_s = policies.station_lost, policies.station_lost_after_s
+            words = "the station was gone"
+        by_s = each.at_s + after_s + _ACTS_S + (1.0 if len(seen.ids) > SMALL_SWARM else 0.0)
+        if policy is Policy.CONTINUE or until_s < by_s:
+            continue
+        for agent in seen.ids:
+            if agent not in gone and _goes_on(seen, agent, gone, each.at_s, by_s):
+                yield f"{words} at {each.at_s:g} s, and agent {agent} went on with its mission"
+
+
+def _goes_on(seen: _Seen, agent: int, gone: set[int], at_s: float, by_s: float) -> bool:
+    """At that time the agent flies its mission, as if nothing had been lost since."""
+    dead_s = min(seen.taken[agent], seen.first(agent, "kill", "stop"))
+    if dead_s < by_s or any(_has_left(seen, lost, at_s) for lost in gone):
+        return False
+    said = [s for s in seen.statuses[agent] if s.time_s <= by_s]
+    if not said or said[-1].time_s < by_s - 1.5:
+        return False  # it has ended
+    now = said[-1]
+    planned = seen.plan.steps[min(now.step, len(seen.plan.steps)) - 1] if now.step else None
+    if isinstance(planned, LandStep | ReturnStep) or now.phase in (Phase.CONNECT, Phase.PREPARE):
+        return False
+    over = [s for lost in gone for s in seen.statuses[lost][-1:] if s.phase is Phase.ENDED]
+    return now.action is None and now.phase is Phase.FLY and not over and now.airborne
+
+
+def _has_left(seen: _Seen, agent: int, at_s: float) -> bool:
+    """By an order, before it fell silent: the others are told to go on without it. Or it was never
+    in the air, or on the ground again."""
+    said = [s for s in seen.statuses[agent] if s.time_s <= at_s]
+    return not said or said[-1].left is not None or not said[-1].airborne
+
+
+def _verdict(seen: _Seen) -> Iterator[str]:
+    flown, summary, truth = seen.flown, seen.flown.summary, seen.truth
+    word = f"the verdict is {summary.outcome}"
+    if (summary.outcome is Outcome.COMPLETED) != (summary.cause is None):
+        yield f"{word}, its cause {summary.cause}"
+    if summary.outcome is Outcome.COMPLETED:
+        yield from (f"{word}, but {text}" for text in _against_completed(seen))
+    elif not summary.reason:
+        yield f"{word}, without a reason"
+    pairs = [
+        found
+        for a, b in itertools.combinations(seen.ids, 2)
+        if (found := _closest(seen, a, b, math.inf, autopilots=True)) is not None
+    ]
+    near_m = min((near for near, _ in pairs), default=math.inf)
+    if near_m < seen.r_in_m - 0.01 and not summary.findings:
+        yield f"{word} without a finding, but a pair was {near_m:.2f} m apart"
+    crashed = {event.sysid for event in truth.events if event.event in _FALLEN}
+    named = {agent for finding in summary.findings for agent in finding.agents}
+    unsaid = {seen.agent_of[sysid] for sysid in crashed if sysid in seen.agent_of} - named
+    if unsaid:
+        yield f"no finding names {agents_named(sorted(unsaid))}, which fell or collided"
+    if not flown.all_down and summary.outcome is not Outcome.FAILED:
+        yield f"{word}, but not all are down"
+    yield from _causes(seen)
+
+
+_FALLEN: Final = (EventKind.CRASH, EventKind.COLLISION, EventKind.DISARM)
+
+
+def _against_completed(seen: _Seen) -> Iterator[str]:
+    """What a completed flight can't have."""
+    flown, summary = seen.flown, seen.flown.summary
+    left = {each.agent for each in summary.left}
+    for step in summary.steps:
+        if step.result in (StepVerdict.ABORTED, StepVerdict.TIMEOUT, StepVerdict.NOT_REACHED):
+            yield f"step {step.step} ({step.name}) is {step.result}"
+    for each in summary.agents:
+        if each.outcome is not Outcome.COMPLETED and each.agent not in left:
+            yield f"agent {each.agent} is {each.outcome}"
+    for agent in seen.ids:
+        if agent in left:
+            continue
+        if not seen.events(agent, EventKind.LIFTOFF):
+            yield f"agent {agent} never flew"
+        if isinstance(seen.plan.steps[-1], ReturnStep):
+            north, east = seen.plan.agent(agent).start
+            home = (north * seen.unit_m, east * seen.unit_m)
+            off_m = math.dist(seen.track(agent)[-1, :2], home)
+            if off_m > MISPLACED_M + 1.0:
+                yield f"agent {agent} came down {off_m:.1f} m from its start"
+    for name, code in (summary.exit_codes or {}).items():
+        number = name.removeprefix("agent-")
+        gone = number.isdigit() and (int(number) in left or _comes_back(seen, int(number)))
+        if code != 0 and name.startswith("agent-") and not gone:
+            yield f"{name} exited with {code}"
+    if flown.up:
+        yield f"{agents_named(flown.up)} had not ended"
+
+
+def _comes_back(seen: _Seen, agent: int) -> bool:
+    return any(agent in (each.restart or ()) for each in seen.of("restart"))
+
+
+def _causes(seen: _Seen) -> Iterator[str]:
+    """A cause needs what can bring it about."""
+    cause, words = seen.flown.summary.cause, seen.flown.summary.reason
+    named = {name for _, _, _, values, _ in seen.faults for name in values} | {*seen.parameters}
+    piloted = any(pilot for _, _, _, _, pilot in seen.faults)
+    mesh = bool(seen.flown.scenario.mesh.model_dump(exclude_defaults=True))
+    can: dict[Cause, bool] = {
+        Cause.ORDER: any(order.sent is not None for order in seen.flown.orders),
+        Cause.STARTER: False,
+        Cause.PILOT: piloted or bool(named) or bool(seen.of("kill", "stop", "restart", "clock")),
+        Cause.WIND: seen.wind_mps > 0,
+        Cause.BATTERY: any(name.startswith("SIM_BATT") for name in named)
+        or seen.flown.end_s > _BATTERY_S,
+        Cause.STATION: mesh
+        or bool(seen.of("station", "part", "clock", "stop"))
+        or bool(seen.flown.scenario.clocks),
+        Cause.PROCESS: bool(seen.of("kill", "station", "restart")),
+        Cause.MACHINE: False,
+        Cause.FINDING: bool(seen.flown.summary.findings),
+        Cause.FALL: bool(named),
+    }
+    if cause is not None and not can.get(cause, True):
+        yield f"the cause is {cause} ({words}), and nothing of that kind happened"
+
+
+def _forecast(seen: _Seen) -> Iterator[str]:
+    if not seen.fair:
+        return
+    summary = seen.flown.summary
+    autopilots = [entry.autopilot for entry in seen.flown.mission.fleet.agents]
+    expected = forecast(seen.plan, autopilots)
+    if any(step.expected_s is None for step in expected):
+        return  # `validate` says that it does not get there
+    if summary.outcome is not Outcome.COMPLETED:
+        yield f"{summary.outcome}: {summary.reason}"
+        return
+    for k, step in enumerate(expected, 1):
+        found = summary.steps[k]
+        if found.start_s is None or found.end_s is None or step.expected_s is None:
+            continue
+        took_s, most_s = found.end_s - found.start_s, _FAIR * step.expected_s + _FAIR_S
+        if took_s > most_s:
+            yield (
+                f"step {k} ({found.name}) took {took_s:.1f} s; forecast: {step.expected_s:.1f} s"
+            )
+
+
+CHECKS: Final[dict[Invariant, Callable[[_Seen], Iterator[str]]]] = {
+    Invariant.ENDS: _ends,
+    Invariant.DOWN: _down,
+    Invariant.APART: _apart,
+    Invariant.FENCED: _fenced,
+    Invariant.ORDERED: _ordered,
+    Invariant.OBEYS: _obeys,
+    Invariant.ACTS: _policies_act,
+    Invariant.VERDICT: _verdict,
+    Invariant.FORECAST: _forecast,
+}
+"""By the flight's truth."""

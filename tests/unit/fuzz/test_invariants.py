@@ -1,0 +1,112 @@
+"""Each invariant holds in a good flight, and is broken where its contrary is planted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarm_ctl.core.agent import failsafes
+from swarm_ctl.core.agent.command_handler import CommandHandler
+from swarm_ctl.core.model.causes import Cause
+from swarm_ctl.core.model.messages import Outcome
+from swarm_ctl.fuzz.invariants import Invariant, broken
+from swarm_ctl.report.folder.truth import TruthEvent
+from swarm_ctl.virtual.scenario import scenario_of
+from swarm_ctl.virtual.scenario_flight import FlownScenario, fly_scenario
+
+LOW = Path(__file__).parents[2] / "system" / "low.yaml"
+FAR_M = 50.0
+
+
+def flown(happens: str = "", more: str = "lands_after_s: 15") -> FlownScenario:
+    """`tests/system/low.yaml`, with what happens."""
+    text = f"version: 1\nmission: {LOW}\n{more}\nhappens: [{happens}]\n"
+    return fly_scenario(*scenario_of(text))
+
+
+@pytest.fixture(scope="module")
+def good() -> FlownScenario:
+    return flown()
+
+
+def kinds(flight: FlownScenario) -> set[Invariant]:
+    return {each.invariant for each in broken(flight)}
+
+
+def test_a_good_flight_breaks_none(good: FlownScenario) -> None:
+    assert broken(good) == []
+
+
+def test_a_judge_that_sees_nothing_is_contradicted(good: FlownScenario) -> None:
+    """By the truth: a vehicle that is up, one that fell, a pair that came too close."""
+    truth = good.truth
+    up = truth.airborne.copy()
+    up[-1, 0] = True
+    assert {Invariant.DOWN, Invariant.VERDICT} <= kinds(with_truth(good, airborne=up))
+    sysid = truth.sysids[0]
+    fell = TruthEvent(type="event", t=20.0, sysid=sysid, event="crash")
+    assert kinds(with_truth(good, events=(*truth.events, fell))) == {Invariant.VERDICT}
+    near = truth.position_ned_m.copy()
+    near[250:255, 1] = near[250:255, 0] + 0.3
+    assert {Invariant.APART, Invariant.VERDICT} <= kinds(with_truth(good, position_ned_m=near))
+
+
+def test_a_verdict_without_a_cause_of_its_kind(good: FlownScenario) -> None:
+    for cause in (Cause.WIND, Cause.BATTERY, Cause.STATION, Cause.PILOT):
+        summary = good.summary.model_copy(
+            update={"outcome": Outcome.FAILED, "cause": cause, "reason": "it says so"}
+        )
+        assert Invariant.VERDICT in kinds(replace(good, summary=summary)), cause
+
+
+def test_what_takes_off_again_or_moves_on_the_ground_was_not_ordered(good: FlownScenario) -> None:
+    truth = good.truth
+    lifts = next(event for event in truth.events if event.event == "liftoff")
+    again = lifts.model_copy(update={"time_s": truth.time_s[-1]})
+    assert Invariant.ORDERED in kinds(with_truth(good, events=(*truth.events, again)))
+    moved = truth.position_ned_m.copy()
+    moved[:5, 0, 0] -= FAR_M
+    assert Invariant.ORDERED in kinds(with_truth(good, position_ned_m=moved))
+
+
+def test_a_landing_that_is_accepted_and_not_flown(monkeypatch: pytest.MonkeyPatch) -> None:
+    obey = CommandHandler._obey
+
+    def forget(self: CommandHandler, command: Any, situation: Any, leg: int) -> None:
+        if command.kind != "land" or not command.agents:
+            obey(self, command, situation, leg)
+
+    assert broken(flown("{at_s: 16, order: land @2}")) == []
+    monkeypatch.setattr(CommandHandler, "_obey", forget)
+    long = "{at_s: 16, order: hold}, {at_s: 17, order: land @2}"
+    assert Invariant.OBEYS in kinds(flown(long, "lands_after_s: 60"))
+
+
+def test_a_death_that_nobody_minds(monkeypatch: pytest.MonkeyPatch) -> None:
+    hold = "{at_s: 17, order: hold}"
+    assert broken(flown(f"{hold}, {{at_s: 18, kill: [2]}}")) == []
+    monkeypatch.setattr(
+        failsafes,
+        "CHECKS",
+        {check: cause for check, cause in failsafes.CHECKS.items() if cause is not Cause.PEER},
+    )
+    assert Invariant.ACTS in kinds(flown(f"{hold}, {{at_s: 18, kill: [2]}}"))
+
+
+def test_a_flight_that_does_not_end(good: FlownScenario) -> None:
+    assert Invariant.ENDS in kinds(replace(good, up=(2,)))
+
+
+def test_a_pilots_vehicle_is_left_out() -> None:
+    """It stays where the pilot holds it, and flies on when the swarm is down."""
+    assert broken(flown("{at_s: 18, pilot: {agents: [2], mode: hold}}")) == []
+
+
+def with_truth(flight: FlownScenario, **changed: Any) -> FlownScenario:
+    """Another truth under the same verdict."""
+    assert all(isinstance(value, np.ndarray | tuple) for value in changed.values())
+    return replace(flight, truth=replace(flight.truth, **changed))
