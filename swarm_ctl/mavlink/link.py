@@ -204,6 +204,7 @@ class VehicleLink:
             mode_doubt=heard.evidence.doubt,
             controlled=mode == driver.controlled_mode,
             controlled_mode=driver.controlled_mode,
+            climbs_by_setpoints=driver.climbs_by_setpoints,
             landing=mode == driver.landing_mode,
             on_ground=heard.on_ground,
             healthy=not missing,

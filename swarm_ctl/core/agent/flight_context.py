@@ -181,7 +181,9 @@ class FlightContext:
             north, east, climb = 0.0, 0.0, 0.0
             self.reason = self.reason or "no fresh position from the vehicle"
         else:
-            north, east = velocity[0] - fix.drift_mps[0], velocity[1] - fix.drift_mps[1]
+            against = self.controller.headwind.fade()
+            north = velocity[0] + against.real - fix.drift_mps[0]
+            east = velocity[1] + against.imag - fix.drift_mps[1]
             missing_m = self.target_height_m - self.height(fix)
             climb = climb_rate(missing_m, self.plan.limits)
         self.setpoints.add(now)

@@ -13,6 +13,7 @@ from swarm_ctl.core.agent.landing import Landing
 from swarm_ctl.core.agent.preflight import Preflight, swarm_flies
 from swarm_ctl.core.agent.takeover import EVIDENCE_S, Takeover
 from swarm_ctl.core.agent.tick import Tick
+from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import CommandKind, Phase, Severity, StepOutcome
 from swarm_ctl.core.model.plan import (
@@ -31,6 +32,9 @@ from swarm_ctl.core.model.vehicle import AirborneGoal, Goal, ReleaseGoal, Standb
 from swarm_ctl.core.swarm.snapshot import Formation
 
 _HEIGHT_TOLERANCE_M = 0.5
+_LIFTED_M = 0.15
+"""A vehicle that says so much, and that it is not on the ground, has left it: either word alone may
+be wrong for a moment."""
 
 
 class StepExecutor:
@@ -57,6 +61,8 @@ class StepExecutor:
         self._judged_s = 0.0
         self._flies_since: float | None = None
         """Since when a peer has said that the first step is over, and this vehicle stands."""
+        self._lifted_m: Point = (0.0, 0.0)
+        """Where the vehicle has left the ground."""
         self._last_text = self._cautioned = ""
 
     @property
@@ -170,11 +176,25 @@ class StepExecutor:
         if climbs and self._takeover.taken_back and view.controlled:
             return context.keep_clear(tick)  # a take-off that a pilot broke off is not begun again
         if climbs:
-            context.controller.rest()
-            return AirborneGoal(step.height_m)
+            return self._climb(tick, fix, step)
         if view.controlled:
             context.progress.finish_step(tick.now)
         return context.keep_clear(tick)
+
+    def _climb(self, tick: Tick, fix: OwnFix, step: TakeoffStep) -> Goal:
+        """Straight up, against the wind, and out of the way of others. Until it has left the ground
+        a vehicle is not steered: it would lean there."""
+        context, controller = self._context, self._context.controller
+        steered = tick.view.climbs_by_setpoints and tick.view.controlled
+        stands = tick.view.on_ground or context.height(fix) < _LIFTED_M
+        if stands or not steered:
+            controller.rest()
+            self._lifted_m = fix.position_ned_m[:2]
+            return AirborneGoal(step.height_m)
+        wanted = complex(*controller.stand_at(tick.peers, self._lifted_m))
+        against = controller.headwind.meet(wanted, complex(*fix.velocity_ned_mps[:2]))
+        sent = wanted + against - complex(*fix.drift_mps)
+        return AirborneGoal(step.height_m, (sent.real, sent.imag))
 
     def _fly_formation(self, tick: Tick, step: Shaped) -> Goal:
         """The law in the mission's step, or in what a command has put in its place."""

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from swarm_ctl.core.control.headwind import Headwind
 from swarm_ctl.core.control.law_input import LawInput, LawInputBuilder, flies_along
 from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.law import formation_law, mean_error_feedback
@@ -46,6 +47,7 @@ class Controller:
         self._law_input = LawInputBuilder(plan, own_id)
         self._formation_law = law_of(plan.law)
         self.estimate = ResponseEstimate(vehicle, plan.tick_s)
+        self.headwind = Headwind(vehicle, plan.tick_s)
         self._located_s, self._down_m = math.inf, 0.0
         self.safety_filter = SafetyFilter(plan, own_id, vehicle, self.estimate)
         self._most_rate = vehicle.most_rate
@@ -151,11 +153,18 @@ class Controller:
             wish += apart / max(abs(apart), 1e-9) * (room_m + _ROOM_M - abs(apart))
         return self._filtered(snapshot, wish, NO_FORMATION)
 
+    def stand_at(self, snapshot: PeerSnapshot, place_m: Point) -> Point:
+        """Stay over a place, out of the way of what comes closer than the filter allows."""
+        own = complex(*self.stop_point_m)
+        wish = self.gain * (complex(*place_m) - own)
+        return self._filtered(snapshot.aloft(self._down_m), wish, NO_FORMATION)
+
     def rest(self) -> None:
         """No setpoint of ours moves the vehicle in this tick."""
         self._result = None
         self.setpoint_mps = (0.0, 0.0)
         self.estimate.rest()
+        self.headwind.rest()
 
     def send(self, setpoint: complex) -> None:
         """Remember this tick's setpoint: it acts after the dead time."""

@@ -13,7 +13,7 @@ from enum import StrEnum
 from typing import Final, TypeAlias
 
 from swarm_ctl.core.model.own_parameters import OwnParameters, ParameterNote
-from swarm_ctl.core.model.plan import Geodetic
+from swarm_ctl.core.model.plan import Geodetic, Point
 from swarm_ctl.core.model.rows import row
 
 Vector3 = tuple[float, float, float]
@@ -103,6 +103,8 @@ class VehicleView:
     """The mode follows our velocity setpoints."""
     controlled_mode: str = ""
     """That mode: GUIDED, OFFBOARD."""
+    climbs_by_setpoints: bool = False
+    """Its take-off is flown by our setpoints (a PX4's), not by the autopilot (an ArduCopter's)."""
     landing: bool = False
     """The mode is the autopilot's landing mode."""
     on_ground: bool = True
@@ -183,6 +185,8 @@ class AirborneGoal:
     """Armed and climbing to `height_m` above the take-off point."""
 
     height_m: float
+    velocity_mps: Point = (0.0, 0.0)
+    """(north, east), flown where `VehicleView.climbs_by_setpoints`."""
 
 
 @row

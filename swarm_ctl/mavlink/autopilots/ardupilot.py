@@ -7,7 +7,7 @@ from typing import ClassVar
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.core.model.timeouts import SETPOINT_TIMEOUT_S
-from swarm_ctl.core.model.vehicle import LimitKind, Vector3
+from swarm_ctl.core.model.vehicle import AirborneGoal, LimitKind, Vector3
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.base import Autopilot
 from swarm_ctl.mavlink.autopilots.flight_limits import LimitSource
@@ -28,6 +28,7 @@ class Ardupilot(Autopilot):
     wire_id: ClassVar[int] = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
     modes: ClassVar[ModeTable] = COPTER_MODES
     controlled_mode: ClassVar[str] = "GUIDED"
+    climbs_by_setpoints: ClassVar[bool] = False
     landing_mode: ClassVar[str] = "LAND"
     wind_message: ClassVar[str] = "WIND"
     wind_switch: ClassVar[str] = "EK3_DRAG_BCOEF_X"
@@ -71,7 +72,7 @@ class Ardupilot(Autopilot):
         """PREARM_CHECK present, enabled (it is not where the checks are off) and healthy."""
         return bool(heard.sensors_present & heard.sensors_enabled & heard.sensors_health & _PREARM)
 
-    def take_off(self, heard: Telemetry, height_m: float, now: float) -> list[Message]:
+    def take_off(self, heard: Telemetry, goal: AirborneGoal, now: float) -> list[Message]:
         """GUIDED, arm, NAV_TAKEOFF (height above home): each after the one before has worked."""
         mode = self.mode(heard)
         if self.left(mode, self.controlled_mode):
@@ -84,7 +85,7 @@ class Ardupilot(Autopilot):
             return []
         if not heard.armed:
             return self.arm(now)
-        command = outgoing.command(self.system, outgoing.TAKEOFF, 0, 0, 0, 0, 0, 0, height_m)
+        command = outgoing.command(self.system, outgoing.TAKEOFF, 0, 0, 0, 0, 0, 0, goal.height_m)
         return [command] if self.take_off_due(heard, now) else []
 
     def fly(self, heard: Telemetry, velocity_ned_mps: Vector3, now: float) -> list[Message]:

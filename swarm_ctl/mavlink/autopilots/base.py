@@ -106,6 +106,8 @@ class Autopilot(ABC):
     """MAV_AUTOPILOT of its heartbeats."""
     modes: ClassVar[ModeTable]
     controlled_mode: ClassVar[str]
+    climbs_by_setpoints: ClassVar[bool]
+    """A take-off is a stream of our setpoints, not a command."""
     landing_mode: ClassVar[str]
     wind_message: ClassVar[str]
     wind_switch: ClassVar[str]
@@ -146,8 +148,8 @@ class Autopilot(ABC):
         """SYS_STATUS says that the vehicle would arm."""
 
     @abstractmethod
-    def take_off(self, heard: Telemetry, height_m: float, now: float) -> list[Message]:
-        """The next messages towards armed and at `height_m` above the take-off point."""
+    def take_off(self, heard: Telemetry, goal: AirborneGoal, now: float) -> list[Message]:
+        """The next messages towards armed and at the goal's height above the take-off point."""
 
     @abstractmethod
     def fly(self, heard: Telemetry, velocity_ned_mps: Vector3, now: float) -> list[Message]:
@@ -257,7 +259,7 @@ class Autopilot(ABC):
                 begin += self.flight_limits.read(heard, now)
                 return begin + self.parameters.take(heard, now)
             case AirborneGoal():
-                return self.take_off(heard, goal.height_m, now)
+                return self.take_off(heard, goal, now)
             case FlyGoal():
                 return self._fly(heard, goal.velocity_ned_mps, now)
             case LandGoal():

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.core.model.fleet import AGENT_SYSID
 from swarm_ctl.core.model.timeouts import SETPOINT_TIMEOUT_S
-from swarm_ctl.core.model.vehicle import LimitKind, Vector3
+from swarm_ctl.core.model.vehicle import AirborneGoal, LimitKind, Vector3
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.base import Autopilot
 from swarm_ctl.mavlink.autopilots.flight_limits import LimitSource
@@ -43,6 +43,7 @@ class Px4(Autopilot):
     wire_id: ClassVar[int] = dialect.MAV_AUTOPILOT_PX4
     modes: ClassVar[ModeTable] = PX4_MODES
     controlled_mode: ClassVar[str] = "OFFBOARD"
+    climbs_by_setpoints: ClassVar[bool] = True
     landing_mode: ClassVar[str] = "AUTO.LAND"
     wind_message: ClassVar[str] = "WIND_COV"
     wind_switch: ClassVar[str] = "EKF2_DRAG_CTRL"
@@ -97,7 +98,7 @@ class Px4(Autopilot):
         them in any other mode."""
         return [outgoing.velocity(self.system, _STILL, now)] if heard.armed else []
 
-    def take_off(self, heard: Telemetry, height_m: float, now: float) -> list[Message]:
+    def take_off(self, heard: Telemetry, goal: AirborneGoal, now: float) -> list[Message]:
         """Setpoints, OFFBOARD, arm, climb by setpoints.
 
         PX4's own take-off ends in AUTO.LOITER: a vehicle whose agent died in the climb would stay
@@ -109,12 +110,12 @@ class Px4(Autopilot):
         if self.left(mode, self.controlled_mode, self._found_mode):
             return []
         if heard.armed:
-            climb_mps = self._climb_mps(heard, height_m, now)
+            climb_mps = self._climb_mps(heard, goal.height_m, now)
         elif heard.on_ground and heard.local is not None:
             self._ground_down_m = heard.local.position_ned_m[2]
         if mode != self.controlled_mode and (heard.armed or not heard.on_ground):
             return []
-        messages = self._setpoint((0.0, 0.0, -climb_mps), now)
+        messages = self._setpoint((*goal.velocity_mps, -climb_mps), now)
         if heard.armed:
             return messages
         if mode != self.controlled_mode or not self.pacer.asked("offboard"):

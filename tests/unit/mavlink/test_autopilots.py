@@ -93,6 +93,7 @@ def test_every_goal_is_reached_through_loss_and_a_slow_start(
         "heartbeat lost",
         "no SYS_STATUS",
         "no local position (LOCAL_POSITION_NED)",
+        "whether it stands on the ground is unknown (EXTENDED_SYS_STATE)",
     )  # a run of losses
     assert not vehicle.armed
     vehicle.run(AirborneGoal(3.0), 60.0)
@@ -458,6 +459,16 @@ def test_px4_takes_off_in_offboard_by_setpoints() -> None:
     assert min(m.vz for _, m in setpoints) == -1.5
     assert setpoints[-1][1].vz == 0.0, "it is there"
     assert vehicle.height_m == pytest.approx(3.0, abs=0.1)
+
+
+@both
+def test_only_a_px4_is_steered_in_its_take_off(name: str) -> None:
+    """An ArduCopter keeps its place by itself, and takes no setpoint before it is up."""
+    vehicle = make(name)
+    vehicle.run(StandbyGoal(), 6.0)
+    sent = of(vehicle.run(AirborneGoal(3.0, (0.5, -0.25)), 12.0), "SET_POSITION_TARGET_LOCAL_NED")
+    steered = {"px4": {(0.5, -0.25)}, "ardupilot": set()}
+    assert {(m.vx, m.vy) for _, m in sent} == steered[name]
 
 
 def test_our_own_auto_loiter_after_an_earlier_flight_is_no_pilots() -> None:

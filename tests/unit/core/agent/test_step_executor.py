@@ -167,6 +167,30 @@ def test_take_off_ends_at_its_height_under_control(seen: dict[str, Any], done: b
     assert flight.context.progress.done is done
 
 
+CLIMBS = {"climbs_by_setpoints": True, "on_ground": False}
+
+
+@pytest.mark.parametrize(
+    ("seen", "steered"),
+    [
+        (CLIMBS, True),
+        (CLIMBS | {"on_ground": True}, False),
+        (CLIMBS | {"climbs_by_setpoints": False}, False),
+        (CLIMBS | {"controlled": False}, False),
+    ],
+    ids=["in the air", "on the ground", "by the autopilot", "in another mode"],
+)
+def test_a_climb_by_setpoints_comes_back_over_its_start(
+    seen: dict[str, Any], steered: bool
+) -> None:
+    """Blown off by a metre, it is told to fly back, where the climb is flown by setpoints."""
+    flight = Flight(TAKEOFF)
+    flight.at(**seen, fix=fix(height_m=0.0))
+    goal = flight.at(0.05, **seen, fix=fix(0.0, 1.0, height_m=3.0))
+    assert isinstance(goal, AirborneGoal)
+    assert (goal.velocity_mps[1] < -0.5) is steered
+
+
 def test_what_the_vehicle_says_is_the_reason_it_does_not_arm() -> None:
     """A STATUSTEXT is kept as the reason until a newer one comes."""
     flight = Flight(TAKEOFF, **UNFLOWN)

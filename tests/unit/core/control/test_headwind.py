@@ -1,0 +1,57 @@
+"""A vehicle whose velocity loop is a PX4's, in wind."""
+
+from __future__ import annotations
+
+from swarm_ctl.core.control.headwind import Headwind
+from swarm_ctl.core.law.stop_point import TYPICAL
+
+TICK_S, DRAG_PER_S, WIND_MPS = 0.05, 1.0, 4.0
+
+
+class Vehicle:
+    """P 1.8, I 0.4, and the drag of the SIH quadrotor."""
+
+    def __init__(self) -> None:
+        self.place = self.velocity = self.integral = 0.0
+
+    def tick(self, setpoint: float) -> None:
+        error = setpoint - self.velocity
+        self.integral += 0.4 * error * TICK_S
+        air = DRAG_PER_S * (WIND_MPS - self.velocity)
+        self.velocity += (1.8 * error + self.integral + air) * TICK_S
+        self.place += self.velocity * TICK_S
+
+
+def test_the_wind_takes_a_climbing_vehicle_along_by_little() -> None:
+    """With setpoints of zero it goes 4 m and on."""
+    vehicle, headwind = Vehicle(), Headwind(TYPICAL["px4"], TICK_S)
+    for _ in range(80):
+        vehicle.tick(headwind.meet(0j, complex(vehicle.velocity)).real)
+    assert 0.0 < vehicle.place < 1.5
+    plain = Vehicle()
+    for _ in range(80):
+        plain.tick(0.0)
+    assert plain.place > 4.0
+
+
+def test_what_is_added_fades_as_the_vehicle_learns() -> None:
+    """After the climb the vehicle stays: its integrator takes over at the rate of the fading."""
+    vehicle, headwind = Vehicle(), Headwind(TYPICAL["px4"], TICK_S)
+    for _ in range(80):
+        vehicle.tick(headwind.meet(0j, complex(vehicle.velocity)).real)
+    begun, added = vehicle.place, abs(headwind.added)
+    assert added > 1.0
+    for _ in range(500):
+        vehicle.tick(headwind.fade().real)
+        assert abs(vehicle.velocity) < 0.3
+    assert abs(vehicle.place - begun) < 1.0
+    assert abs(headwind.added) < 0.01
+
+
+def test_what_is_added_is_bounded_and_ends_on_the_ground() -> None:
+    headwind = Headwind(TYPICAL["px4"], TICK_S)
+    for _ in range(400):
+        headwind.meet(0j, 30.0 + 0j)
+    assert abs(headwind.added) <= 3.0 + 1e-9
+    headwind.rest()
+    assert headwind.fade() == 0j
