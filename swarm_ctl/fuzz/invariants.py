@@ -48,6 +48,8 @@ _ACTS_S: Final = 6.0
 """After the time of a policy: for the word to come, and the statuses at 2 Hz."""
 _MOVES_M: Final = 1.0
 """On the ground, disarmed."""
+_BOUNCES_S: Final = 3.0
+"""In gusts a vehicle may touch the ground again as it takes off."""
 _TOUCHES_MPS: Final = 0.3
 """A landing is no slower than this, in the mean."""
 _BATTERY_S: Final = 600.0
@@ -189,6 +191,13 @@ class _Seen:
         return {agent: self.first(agent, "says") for agent in self.ids}
 
     @cached_property
+    def elsewhen(self) -> set[int]:
+        """Agents whose clock is not the swarm's: what they say happened at other times."""
+        own = {agent for each in self.flown.scenario.clocks for agent in each.agents}
+        jumps = (each.clock.agents for each in self.happens if each.clock is not None)
+        return own.union(*jumps)
+
+    @cached_property
     def good_mesh(self) -> bool:
         """States come as the envelope has them."""
         mesh = self.flown.scenario.mesh
@@ -247,9 +256,9 @@ class _Seen:
         """When the first agent began step k [s]; inf: none did."""
         starts = [
             status.steps[k].start_s
-            for said in self.statuses.values()
+            for agent, said in self.statuses.items()
             for status in said[-1:]
-            if len(status.steps) > k
+            if len(status.steps) > k and agent not in self.elsewhen
         ]
         return min(starts, default=math.inf)
 
@@ -348,8 +357,8 @@ def _fenced(seen: _Seen) -> Iterator[str]:
     fence, truth = seen.plan.fence, seen.truth
     if fence is None or seen.plan.policies.fence is Policy.CONTINUE:
         return
-    for agent in seen.ids:
-        until_s = min(seen.taken[agent], seen.first(agent, "kill", "stop", "clock"))
+    for agent in set(seen.ids) - seen.elsewhen:
+        until_s = min(seen.taken[agent], seen.first(agent, "kill", "stop"))
         track, flies = seen.track(agent), seen.airborne(agent)
         polygon = np.array(fence.polygon_m)
         north, east = polygon.mean(axis=0) if len(polygon) else (0.0, 0.0)
@@ -391,9 +400,9 @@ def _ordered(seen: _Seen) -> Iterator[str]:
         track, taken_s = seen.track(agent), seen.taken[agent]
         lifts = [at for at in seen.events(agent, EventKind.LIFTOFF) if at < taken_s]
         stops = [order.at_s for order in seen.orders(agent, *_STOPS)]
-        if len(lifts) > 1:
-            yield f"agent {agent} took off again at {lifts[1]:.1f} s"
         for at in lifts:
+            if at > lifts[0] + _BOUNCES_S:
+                yield f"agent {agent} took off again at {at:.1f} s"
             if at > flies_s + 1.0:
                 yield f"agent {agent} took off at {at:.1f} s, the others fly since {flies_s:.1f} s"
             if any(given < at - 2.0 for given in stops):
@@ -471,7 +480,8 @@ def _obeyed(seen: _Seen, agent: int, order: GivenOrder, until_s: float) -> str:
         if flies.any():
             return f"it was in the air {within_s:.0f} s later"
         return _came_home(seen, agent, until_s) if kind == CommandKind.RETURN else ""
-    if kind in (CommandKind.HOLD, CommandKind.EXPEL) and _is_meant(agent, order):
+    holds = kind in (CommandKind.HOLD, CommandKind.EXPEL) and agent not in seen.elsewhen
+    if holds and _is_meant(agent, order):
         return _moved_in_hold(seen, agent, at_s + late_s, until_s)
     return ""
 

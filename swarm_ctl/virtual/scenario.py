@@ -47,9 +47,10 @@ class MeshQuality(Section):
     """Share that comes twice."""
 
 
-class OwnClock(Section):
-    """A clock that is not the swarm's."""
+class OwnClocks(Section):
+    """Clocks that are not the swarm's."""
 
+    agents: Ids
     ahead_s: Annotated[float, Field(ge=-1e6, le=1e6)] = 0.0
     drift: Annotated[float, Field(ge=-1e-3, le=1e-3)] = 0.0
     """Seconds that it gains in a second."""
@@ -168,19 +169,18 @@ class Scenario(Section):
     seed: Annotated[int, Field(ge=0, le=2**31)] = 1
     """Of all random numbers."""
     mesh: MeshQuality = MeshQuality()
-    clocks: dict[AgentId, OwnClock] = Field({})
-    """By agent; others go by the swarm's clock."""
+    clocks: Annotated[tuple[OwnClocks, ...], Field(max_length=250)] = ()
+    """All others go by the swarm's clock."""
     happens: Annotated[tuple[Happening, ...], Field(max_length=1000)] = ()
     """In any order."""
     lands_after_s: Span = 60.0
-    """So long after the last happening the operator orders `land`, where an order of his still
-    keeps the mission from going on; and pilots land the vehicles that they still hold."""
+    """So long after the last happening the operator orders `land` where agents hold, by an order or
+    by a policy; and pilots land the vehicles that they still hold."""
 
     @property
-    def ends_s(self) -> float | None:
-        """When the last happening is over, and `lands_after_s` as well; None: nothing happens."""
-        last_s = max((each.until_s for each in self.happens), default=None)
-        return None if last_s is None else last_s + self.lands_after_s
+    def ends_s(self) -> float:
+        """When the last happening is over, and `lands_after_s` as well."""
+        return max((each.until_s for each in self.happens), default=0.0) + self.lands_after_s
 
 
 def load_scenario(path: Path | str) -> tuple[Scenario, LoadedMission]:
@@ -245,7 +245,7 @@ def _given_up(scenario: Scenario) -> list[FaultEntry]:
         if each.pilot is not None:
             last |= dict.fromkeys(each.pilot.agents, each.pilot.mode)
     kept = tuple(agent for agent, mode in last.items() if mode in ("hold", "manual"))
-    if not kept or scenario.ends_s is None:
+    if not kept:
         return []
     return [FaultEntry(at_s=scenario.ends_s, agents=kept, pilot="land")]
 
@@ -277,6 +277,11 @@ def _checked(document: Document, path: Path) -> tuple[Scenario, LoadedMission]:
         for k, each in enumerate(scenario.happens)
         for what, allowed in mistakes(each, mission.plan)
     ]
+    problems += [
+        document.problem(("clocks", k, "agents"), *unknown)
+        for k, each in enumerate(scenario.clocks)
+        for unknown in _unknown(set(each.agents), mission.plan)
+    ]
     if problems:
         raise MissionError(tuple(problems))
     return scenario, mission
@@ -284,22 +289,24 @@ def _checked(document: Document, path: Path) -> tuple[Scenario, LoadedMission]:
 
 def mistakes(happening: Happening, plan: Plan) -> list[tuple[str, str]]:
     """What is wrong with a happening in this plan, and what would be allowed."""
-    ids = {agent.id for agent in plan.agents}
     named: set[int | str] = {*(happening.kill or ()), *(happening.restart or ())}
     named |= {*(happening.stop or ())}
     named |= {*(each for part in [happening.part] if part for each in (*part.one, *part.other))}
     for of in (happening.pilot, happening.vehicle, happening.clock, happening.says):
         named |= set(of.agents) if of is not None else set()
-    unknown = sorted(str(each) for each in named - ids - {STATION})
-    found = [(f"no agent {', '.join(unknown)} in this mission", f"agents {sorted(ids)}")] * bool(
-        unknown
-    )
+    found = _unknown(named - {STATION}, plan)
     if happening.order:
         try:
             parse(happening.order, plan)
         except InputError as error:
             found.append((str(error), "what `swarm-ctl send` takes"))
     return found
+
+
+def _unknown(named: set[int | str] | set[int], plan: Plan) -> list[tuple[str, str]]:
+    ids = {agent.id for agent in plan.agents}
+    unknown = ", ".join(sorted(str(each) for each in named - ids))
+    return [(f"no agent {unknown} in this mission", f"agents {sorted(ids)}")] if unknown else []
 
 
 @cache

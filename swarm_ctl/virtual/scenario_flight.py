@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import math
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -30,6 +31,8 @@ from swarm_ctl.virtual.account import Account
 from swarm_ctl.virtual.scenario import STATION, Happening, Says, Scenario
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm, configuration
 
+_HELD_S: Final = 20.0
+"""A shorter hold may end by itself."""
 _DRAIN_S: Final = 90.0
 """The simulator of a run goes on for so long without agents."""
 
@@ -39,10 +42,10 @@ def longest_s(plan: Plan, scenario: Scenario | None = None) -> float:
     the longest way down at the end, and without agents after that."""
     steps = sum(step.timeout_s for step in plan.steps)
     waits = plan.prepare_timeout_s + steps + 2.0 * LANDING_AT_MOST_S + _DRAIN_S
-    if scenario is None or scenario.ends_s is None:
+    if scenario is None:
         return waits
     policies = plan.policies
-    waits += scenario.ends_s
+    waits += scenario.ends_s + _HELD_S
     return waits + policies.override_pause_s + policies.hold_before_land_s
 
 
@@ -120,7 +123,7 @@ class ScenarioFlight:
         self._impaired = bool(quality.model_dump(exclude_defaults=True)) or any(
             each.part for each in scenario.happens
         )
-        self._clocks = {i: (c.ahead_s, c.drift) for i, c in scenario.clocks.items()}
+        self._clocks = {i: (c.ahead_s, c.drift) for c in scenario.clocks for i in c.agents}
         self._clocks |= {
             i: self._clocks.get(i, (0.0, 0.0))
             for each in scenario.happens
@@ -140,10 +143,8 @@ class ScenarioFlight:
         self.swarm.hub.recorder = self._truth
         self._sender = CommandSender(self.swarm.send, self._ids)
         self._heard_acks = 0
-        self._listener: Node | None = None
-        if any(each.order for each in scenario.happens):
-            self._listener = Node(MemoryTransport(self.swarm.mesh), "test", "listener")
-            self._listener.listen(keys.STATE, agents=self._ids)
+        self._listener = Node(MemoryTransport(self.swarm.mesh), "test", "listener")
+        self._listener.listen(keys.STATE, agents=self._ids)
         self._states: dict[int, tuple[AgentState, float]] = {}
         self._killed: set[str] = set()
         self.orders: list[GivenOrder] = []
@@ -153,7 +154,7 @@ class ScenarioFlight:
         self._due: list[tuple[float, int, _Due]] = []
         for happening in scenario.happens:
             self._plan(happening)
-        self._lands_s = scenario.ends_s
+        self._held_since_s = math.inf
 
     # --- the timetable ---
 
@@ -306,19 +307,26 @@ class ScenarioFlight:
                 self.met.append(self._meet(due.met))
             due.do()
         swarm.tick()
-        if self._listener is not None:
-            for state, _ in self._listener.take(keys.STATE):
-                self._states[state.agent] = (state, swarm.now)
+        for state, _ in self._listener.take(keys.STATE):
+            self._states[state.agent] = (state, swarm.now)
         for ack in swarm.acks[self._heard_acks :]:
             self._sender.hear(ack)
             self.account.sent(ack, swarm.now)
         self._heard_acks = len(swarm.acks)
         if swarm.station_alive:
             self._sender.turn(swarm.now)
-        if self._lands_s is not None and swarm.now >= self._lands_s:
-            self._lands_s = None
-            if self._held():
-                self._order("land")
+        self._land_the_held()
+
+    def _land_the_held(self) -> None:
+        """The operator, in the end: a swarm that holds would hold until its batteries are low."""
+        now = self.swarm.now
+        if not self._held():
+            self._held_since_s = math.inf
+            return
+        self._held_since_s = min(self._held_since_s, now)
+        if now >= max(self.scenario.ends_s, self._held_since_s + _HELD_S):
+            self._held_since_s = now
+            self._order("land")
 
     def _held(self) -> bool:
         """An order of the operator's keeps some agent from going on."""
