@@ -129,7 +129,7 @@ class Swarm:
         return self._order(parse(" ".join((CommandKind.TUNE, *words)), self.plan))
 
     def send_home(self, *agents: int) -> SentCommand:
-        """Order `return`: fly home one at a time and land; these agents alone, or all."""
+        """Order `return`: fly home, all at once, and land; these agents alone, or all."""
         return self._order(Order(CommandKind.RETURN, (), agents))
 
     def land_only(self, agent: int, *more: int) -> SentCommand:

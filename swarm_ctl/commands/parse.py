@@ -40,7 +40,7 @@ class Kind:
 _MOVE_DOES: Final = "move the formation to a point [m] at a speed [m/s]"
 _TUNE_DOES: Final = "change the law of all agents at one time"
 _LANDS: Final = ("it lands where it is", "they land where they are")
-_RETURNS: Final = ("it flies home and lands", "they fly home one at a time and land")
+_RETURNS: Final = ("it flies home and lands", "they fly home, all at once, and land")
 _FALLS: Final = ("its motors stop, and it falls", "their motors stop, and they fall")
 _EXPELS: Final = (
     "it holds; the others listen to it no more, and keep clear of its vehicle",
@@ -54,7 +54,7 @@ KINDS: Final[tuple[Kind, ...]] = (
     Kind(CommandKind.MOVE, "NORTH EAST [SPEED]", _MOVE_DOES, "m"),
     Kind(CommandKind.TUNE, "NAME=VALUE ...", _TUNE_DOES, "u"),
     Kind(CommandKind.LAND, "", "land in place", "l", _LANDS),
-    Kind(CommandKind.RETURN, "", "fly home one at a time and land", "b", _RETURNS),
+    Kind(CommandKind.RETURN, "", "fly home and land", "b", _RETURNS),
     Kind(CommandKind.KILL, "", "stop the motors: the vehicle falls", "K", _FALLS),
     Kind(CommandKind.EXPEL, "", "listen to an agent no more; keep clear of it", "X", _EXPELS),
     Kind(CommandKind.READMIT, "", "listen to an expelled agent again", "I"),

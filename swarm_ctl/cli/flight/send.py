@@ -67,7 +67,7 @@ def send(
     tune NAME=VALUE ...  set h, kappa, delta_a or delta_l of the law, in all
                          agents or in none; `tune plan`: as in the mission
     land                 land in place
-    return               fly home one at a time, and land
+    return               fly home, all at once, and land
     kill                 stop the motors at once: the vehicles fall
     expel AGENT          all others listen to it no more and keep clear of it;
                          it holds where it is

@@ -132,7 +132,9 @@ def study(
     r_in: Annotated[Given, _one("UNITS", "Inner radius.", 0.5)] = None,
     delta_l: Annotated[Given, _one("NUMBER", "Offset of the paper's D.", 2)] = None,
     delta_a: Annotated[Given, _one("NUMBER", "Offset of sigma above its bound.", 0.1)] = None,
-    law: Annotated[Given, _one("NAME", "An own law that is installed.", "the paper's")] = None,
+    law: Annotated[
+        Given, _one("NAME", "An own law that is installed, or paper.", "the paper's")
+    ] = None,
     unit_m: Annotated[Given, _one("METRES", "Length of a unit.", 5)] = None,
     limit: Annotated[Given, _one("SECONDS", "End a mission that has not formed then.", 300)] = None,
     tick: Annotated[Given, _one("SECONDS", "Length of a tick.", 0.05)] = None,

@@ -21,7 +21,8 @@ from swarm_ctl.core.model.plan import LawParameters
 from swarm_ctl.errors import InputError, SwarmError
 
 GROUP: Final = "swarm_ctl.laws"
-
+PAPER: Final = "paper"
+"""The name of the law of Mondal et al., which needs no package."""
 
 Law: TypeAlias = Callable[..., LawResult]
 """With the arguments of `formation_law.evaluate`, by position. For agents the leading axes are (1,)
@@ -34,8 +35,9 @@ class LawError(SwarmError):
 
 
 def pinned(name: str) -> str:
-    """NAME@DIGEST of the law that is installed here under `name`; InputError where none is."""
-    return f"{name}@{_digest(name, _function(name))}"
+    """NAME@DIGEST of the law that is installed here under `name`, '' of the paper's; InputError
+    where none is."""
+    return "" if name == PAPER else f"{name}@{_digest(name, _function(name))}"
 
 
 def law_of(parameters: LawParameters) -> Law:
@@ -56,11 +58,9 @@ def law_of(parameters: LawParameters) -> Law:
 def _function(name: str) -> Law:
     offered = {point.name: point for point in metadata.entry_points(group=GROUP)}
     if name not in offered:
-        names = ", ".join(sorted(offered)) or f"none is installed (entry points {GROUP!r})"
-        raise InputError(
-            f"law {name!r} is not installed here; allowed: {names}; without `own`, the paper's law"
-            " flies"
-        )
+        names = ", ".join([PAPER, *sorted(offered)])
+        more = "" if offered else f" (no package here offers another, by an entry point of {GROUP})"
+        raise InputError(f"law {name!r} is not installed here; allowed: {names}{more}")
     try:
         function = offered[name].load()
     except (ImportError, AttributeError) as error:

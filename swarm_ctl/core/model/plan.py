@@ -112,7 +112,7 @@ class Policy(StrEnum):
     LAND = "land"
     """Hold for `hold_before_land_s`, then land in place."""
     RETURN = "return"
-    """One at a time, at separated heights, back to the own start; land in place where that is not
+    """All at once, in layers of height, back to the own start; land in place where that is not
     possible."""
 
 
@@ -254,7 +254,7 @@ class ScaleStep:
 
 @dataclass(frozen=True, slots=True)
 class ReturnStep:
-    """One at a time, at separated heights, back to the own start; land there, disarm."""
+    """All at once, in layers of height, back to the own start; land there, disarm."""
 
     timeout_s: float
     on_timeout: Policy = Policy.LAND

@@ -62,7 +62,8 @@ class LawSection(Section):
     delta_a: float = Field(default=0.1, gt=0, le=100)
     """Offset of the repulsion's gain sigma above its lower bound (equation 67)."""
     own: str | None = None
-    """An own law in place of the paper's: the name under which an installed package offers it."""
+    """An own law in place of the paper's: the name under which an installed package offers it.
+    `paper`, and the default, is the paper's."""
 
 
 class SafetySection(Section):

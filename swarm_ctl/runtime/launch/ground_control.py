@@ -17,7 +17,7 @@ from typing import Final
 from swarm_ctl.core.model.fleet import FleetAgent, VehicleKind
 from swarm_ctl.runtime.gcs.config import GcsAddress, RelayConfig, RelayVehicle
 from swarm_ctl.runtime.launch.ports import free_ports
-from swarm_ctl.runtime.vehicles.instances import GCS_PORT, PORTS
+from swarm_ctl.runtime.vehicles.instances import GCS_PORT, PORTS, TCP, UDP, bound
 
 _COLUMNS: Final = ("agent", "vehicle", "system", "its agent's link", "also on")
 
@@ -29,8 +29,8 @@ class KnownPort:
     first: int
     step: int
     held: tuple[socket.SocketKind, int]
-    """Bound while an autopilot of another run has the first vehicle's number, from before it has
-    bound its own ports."""
+    """Bound while a run has the first vehicle's number, from before its vehicle has bound its own
+    ports."""
     own: int | None = None
     """The port that the first vehicle sends from; None: it listens on `first`."""
 
@@ -50,15 +50,19 @@ class KnownPort:
         scheme = "tcp" if self.own is None else "udpin"
         return f"{scheme}:127.0.0.1:{self.first + self.step * i}"
 
-    def free(self, i: int) -> bool:
-        """No other program is there."""
+    def hold(self, i: int) -> socket.socket:
+        """Hold the vehicle's number, as `Instances` does: of two runs that start together one has
+        it. OSError where another run holds it, or another program is there."""
         offset = self.step * i
         kind, held = self.held
-        if not _free(held + offset, kind):
-            return False
-        if self.own is None:
-            return _free(self.first + offset, socket.SOCK_STREAM)
-        return _free(self.own + offset, socket.SOCK_DGRAM)
+        holding = bound(kind, held + offset)
+        try:
+            at = (TCP, self.first) if self.own is None else (UDP, self.own)
+            bound(at[0], at[1] + offset).close()
+        except OSError:
+            holding.close()
+            raise
+        return holding
 
 
 KNOWN: Final = {
@@ -85,6 +89,9 @@ class GroundControl:
 
     secret: bytes = field(default_factory=lambda: secrets.token_bytes(16))
     """Of this run: by it mirrors know the relay."""
+
+    held: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
+    """The numbers of the simulated vehicles, until the run has ended."""
 
     def mirror_port(self, agent: int) -> int | None:
         """Where the agent shares its link; None: it need not."""
@@ -132,7 +139,7 @@ class GroundControl:
 def ground_control(
     fleet: Sequence[FleetAgent], simulated: Collection[int], gcs: Sequence[tuple[str, int]]
 ) -> GroundControl:
-    """Choose ports, of those that are free now."""
+    """Choose ports, of those that are free now, and hold the numbers of simulated vehicles."""
     in_use = {agent.id: _port(agent.endpoint or "") for agent in fleet}
     count = len(gcs) + len(fleet) if gcs else 0
     ports = iter(free_ports(count, socket.SOCK_DGRAM, in_use.values()))
@@ -145,11 +152,12 @@ def ground_control(
             continue
         port, i = KNOWN[agent.autopilot], next(numbers[agent.autopilot])
         client, further = port.client(i), []
-        if _port(client) not in in_use.values() and port.free(i):
-            further.append(port.endpoint(i))
-            found.known[agent.id] = client
-        else:
-            found.known[agent.id] = f"{client} is taken"
+        found.known[agent.id] = f"{client} is taken"
+        if _port(client) not in in_use.values():
+            with contextlib.suppress(OSError):
+                found.held.enter_context(port.hold(i))
+                further.append(port.endpoint(i))
+                found.known[agent.id] = client
         if gcs:
             link = f"127.0.0.1:{next(ports)}"
             further.append(f"udpin:{link}")
@@ -162,16 +170,3 @@ def _port(endpoint: str) -> int:
     """0 where it has none."""
     text = endpoint.rpartition(":")[2]
     return int(text) if text.isdecimal() else 0
-
-
-def _free(port: int, kind: socket.SocketKind) -> bool:
-    with contextlib.closing(socket.socket(socket.AF_INET, kind)) as probe:
-        if kind is socket.SOCK_STREAM:  # a connection that has just ended does not hold it
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind(("127.0.0.1", port))
-            if kind is socket.SOCK_STREAM:
-                probe.listen(1)
-        except OSError:
-            return False
-    return True

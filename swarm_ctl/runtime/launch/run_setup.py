@@ -124,6 +124,7 @@ class RunSetup:
         try:
             write_manifest(self.folder, self.manifest)
         except OSError as error:
+            self.ground_control.held.close()
             shutil.rmtree(self.folder, ignore_errors=True)
             raise StartError(
                 f"{self.folder}: can't be written: {error.strerror}; choose with --runs"

@@ -104,6 +104,7 @@ def fly(
             failure = error
         finally:
             processes.end()
+            setup.ground_control.held.close()
         if failure is not None:
             if isinstance(failure, OSError):
                 where = failure.filename or setup.folder

@@ -70,7 +70,7 @@ class Instances:
                 continue
             with contextlib.suppress(OSError), contextlib.ExitStack() as tried:
                 held, *_ = [
-                    tried.enter_context(_bound(socket_kind, port))
+                    tried.enter_context(bound(socket_kind, port))
                     for socket_kind, port in ports.of(instance)
                 ]
                 self._held.enter_context(held.dup())
@@ -78,7 +78,8 @@ class Instances:
         raise StartError(f"no {kind} can be started: the ports of {ports.most} are all in use")
 
 
-def _bound(kind: socket.SocketKind, port: int) -> socket.socket:
+def bound(kind: socket.SocketKind, port: int) -> socket.socket:
+    """A socket that has this port of the loopback interface; OSError where it is taken."""
     probe = socket.socket(socket.AF_INET, kind)
     try:
         if kind is TCP:  # as the autopilots do: a port of a connection that has just ended is free

@@ -212,7 +212,7 @@ def test_what_is_typed_fast_is_one_line_and_no_single_orders() -> None:
     ("keys", "kind", "words"),
     [
         ("l", "land", "land agents 1-6: they land where they are"),
-        ("b", "return", "return agents 1-6: they fly home one at a time and land"),
+        ("b", "return", "return agents 1-6: they fly home, all at once, and land"),
         ("K", "kill", "kill agents 1-6: their motors stop, and they fall"),
         (":kill\r", "kill", "kill agents 1-6: their motors stop, and they fall"),
     ],

@@ -235,6 +235,14 @@ def own_law(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(laws.metadata, "entry_points", lambda group: [again])
 
 
+def test_the_papers_law_has_a_name() -> None:
+    """`own: paper` flies what a mission without `own` flies; the error of another name says it."""
+    plan = loads(edited(("law:\n", "law:\n  own: paper\n"))).plan
+    assert plan.hash() == loads(TEXT).plan.hash()
+    with pytest.raises(MissionError, match=r"allowed: paper\b"):
+        loads(edited(("law:\n", "law:\n  own: bogus\n")))
+
+
 @pytest.mark.usefixtures("own_law")
 @pytest.mark.parametrize(("old", "new"), CHANGES.items())
 def test_every_value_is_in_the_hash(old: str, new: str) -> None:
@@ -459,7 +467,11 @@ def test_many_stretched_links_are_one_warning_with_what_is_enough() -> None:
 
 def test_the_examples_in_the_missions_page_are_right(tmp_path: Path) -> None:
     page = (MISSIONS.parent / "docs" / "pages" / "missions.md").read_text()
-    mission, faults, fleet, routers = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
+    mission, lanes, fence, faults, fleet, routers = re.findall(
+        r"```yaml\n(.*?)```", page, re.DOTALL
+    )
+    sweep = (MISSIONS / "sweep.yaml").read_text()
+    assert loads(sweep.partition("shapes:")[0] + lanes + fence).plan.fence.height_m == 40
     assert len(loads(mission + faults).file.simulation.faults) == 3
     loaded = loads(mission + "fleet:\n" + textwrap.indent(fleet, "  "))
     assert loaded.plan == loads(mission).plan
