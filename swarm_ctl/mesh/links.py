@@ -3,6 +3,9 @@
 zenoh bounds the links of a session in all, and none by name: one member, a screen even, could take
 all of them, and no operator would be heard. So each link is counted as it comes, and of a name that
 has too many the new one is ended, by its socket: zenoh itself ends none.
+
+zenoh does not say either which link a message came by. The kernel counts the bytes of each, so of a
+flood it is known which links bring it.
 """
 
 from __future__ import annotations
@@ -12,7 +15,10 @@ import ipaddress
 import os
 import socket
 import stat
+import struct
+import sys
 import threading
+import time
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,12 +32,20 @@ OF_A_NAME: Final = 8
 operator one for each station, `run` and `send`; a viewer one for each screen."""
 
 
+_RECEIVED_AT: Final = 128
+"""Of linux/tcp.h's tcp_info: the bytes that have come, 64 bits."""
+_BRINGS: Final = 3
+"""Links that are named at most."""
+
+
 class Links:
-    """`heard` is called on zenoh's thread, `refused` on the owner's."""
+    """`heard` is called on zenoh's thread, `refused` and `busiest` on the owner's."""
 
     def __init__(self) -> None:
         self._links: dict[str, set[tuple[str, str]]] = {}
         """(zenoh's id, address) of the other ends, by name."""
+        self._came: dict[tuple[str, int], tuple[str, float, int]] = {}
+        """(name or '', since when [s], bytes until then) by the other end's address."""
         self._new: Counter[str] = Counter()
         self._lock = threading.Lock()
         self._refusals = Refusals()
@@ -40,6 +54,12 @@ class Links:
         """A link came, or went. One of an open mesh has no name, and is not counted: there each may
         speak as any other."""
         name, key = link.auth_identifier, (str(link.zid), str(link.dst))
+        address = _address(key[1])
+        with self._lock:
+            if ended:
+                self._came.pop(address, None)
+            else:
+                self._came[address] = (name or "", time.monotonic(), 0)
         if name is None:
             return
         found = self._links.setdefault(name, set())
@@ -63,6 +83,35 @@ class Links:
             self._refusals.add(name, RefusalReason.LINK, words, now, count)
         return self._refusals.recent(now)
 
+    def busiest(self) -> str:
+        """`the link of 127.0.0.1:43210`: those that brought most bytes a second since the last
+        call, or since they came. '': the kernel does not count them."""
+        if not sys.platform.startswith("linux"):
+            return ""
+        now, received = time.monotonic(), dict(_received())
+        found: list[tuple[float, str]] = []
+        with self._lock:
+            for at, (name, since_s, before) in self._came.items():
+                if at in received:
+                    words = f"{name} at {at[0]}:{at[1]}" if name else f"{at[0]}:{at[1]}"
+                    found.append(((received[at] - before) / max(now - since_s, 0.1), words))
+                    self._came[at] = (name, now, received[at])
+        most = max((rate for rate, _ in found), default=0.0)
+        bring = [words for rate, words in sorted(found, reverse=True) if rate > 0.5 * most]
+        if not bring:
+            return ""
+        more = f" and {len(bring) - _BRINGS} more" if len(bring) > _BRINGS else ""
+        return f"the link{'s' * (len(bring) > 1)} of {', '.join(bring[:_BRINGS])}{more}"
+
+
+def _received() -> Iterator[tuple[tuple[str, int], int]]:
+    """The bytes that have come from each address by this process's TCP sockets."""
+    for one in stream_sockets():
+        with contextlib.suppress(OSError, ValueError, struct.error):  # closed; an old kernel
+            there = one.getpeername()
+            told = one.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _RECEIVED_AT + 8)
+            yield (_plain(there[0]), there[1]), struct.unpack_from("=Q", told, _RECEIVED_AT)[0]
+
 
 def stream_sockets() -> Iterator[socket.socket]:
     """This process's TCP sockets, zenoh's among them; each is closed again, which ends no link."""
@@ -78,13 +127,22 @@ def stream_sockets() -> Iterator[socket.socket]:
 def _end(locator: str) -> None:
     """Shut the connection with the other end at `tls/127.0.0.1:32872`. A QUIC link has no socket of
     its own, and stays: it is told all the same."""
-    host, _, port = locator.partition("/")[2].partition("?")[0].rpartition(":")
+    address = _address(locator)
     for one in stream_sockets():
         with contextlib.suppress(OSError, ValueError):
             there = one.getpeername()
-            if there[1] == int(port) and _same(there[0], host):
+            if (_plain(there[0]), there[1]) == address:
                 one.shutdown(socket.SHUT_RDWR)
 
 
-def _same(one: str, other: str) -> bool:
-    return ipaddress.ip_address(one) == ipaddress.ip_address(other.strip("[]"))
+def _address(locator: str) -> tuple[str, int]:
+    """Host and port of `tls/127.0.0.1:32872`; a port of 0: it is none of these."""
+    host, _, port = locator.partition("/")[2].partition("?")[0].rpartition(":")
+    with contextlib.suppress(ValueError):
+        return _plain(host.strip("[]")), int(port)
+    return locator, 0
+
+
+def _plain(host: str) -> str:
+    """One spelling of an address. ValueError: it is none."""
+    return str(ipaddress.ip_address(host))

@@ -13,7 +13,7 @@ from typing import Any, Final, TypeVar
 
 from swarm_ctl.core.model.messages import Command, Refusal, RefusalReason
 from swarm_ctl.errors import PayloadError
-from swarm_ctl.mesh.gate import Gate, Source, Stations
+from swarm_ctl.mesh.gate import Gate, Likely, Source, Stations
 from swarm_ctl.mesh.keys import Channel
 from swarm_ctl.mesh.payloads import decode, encode
 from swarm_ctl.mesh.refusals import Refusals
@@ -70,9 +70,10 @@ class Node:
             key = self._keys[channel.name] = channel.key(self._swarm, self.name)
         self._transport.publish(key, encode(payload), channel.qos)
 
-    def take(self, channel: Channel[P]) -> list[tuple[P, float]]:
+    def take(self, channel: Channel[P], likely: Likely | None = None) -> list[tuple[P, float]]:
         """(payload, received_s [s]) of the messages since the last call, oldest first; those that
-        are refused are left out."""
+        are refused are left out. Of too many under the key of an agent of the plan, those that are
+        `likely` have an allowance of their own."""
         inlets = self._inlets.get(channel.name, {})
         messages = [message for inlet in inlets.values() for message in inlet.drain()]
         if not messages:
@@ -80,7 +81,7 @@ class Node:
         gate = self._gates[channel.name]
         taken = []
         speaker = _SPEAKERS[channel.publisher]
-        for received_s, source, data in gate.admit(messages):
+        for received_s, source, data in gate.admit(messages, likely):
             try:
                 payload: Any = decode(channel.payload, data)
             except PayloadError as error:
@@ -104,7 +105,11 @@ class Node:
 
     def refused(self, now: float) -> tuple[Refusal, ...]:
         """What was refused in the last seconds."""
-        return (*self._refusals.recent(now), *self._transport.refused(now))
+        told = self._refusals.recent(now)
+        if any(each.reason is RefusalReason.TOO_MANY for each in told):
+            brings = self._transport.busiest()
+            told = tuple(_by_links(each, brings) for each in told)
+        return (*told, *self._transport.refused(now))
 
     def close(self) -> None:
         """Leave the mesh."""
@@ -113,6 +118,13 @@ class Node:
 
 _SPEAKERS: Final = {publisher: attrgetter(publisher) for publisher in ("agent", "station")}
 """For whom a payload speaks, by the channel's publisher."""
+
+
+def _by_links(refusal: Refusal, brings: str) -> Refusal:
+    """With the links that bring most, of a flood."""
+    if not brings or refusal.reason is not RefusalReason.TOO_MANY:
+        return refusal
+    return replace(refusal, words=f"{refusal.words}; most comes by {brings}")
 
 
 def _signed(command: Command, source: Source) -> Command:

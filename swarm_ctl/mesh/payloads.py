@@ -29,6 +29,7 @@ from swarm_ctl.core.model.messages import (
     Event,
     ExchangeState,
     Frame,
+    Glimpse,
     Phase,
     SigmaReport,
     StationBeacon,
@@ -45,6 +46,8 @@ _STATE: Final = struct.Struct("<BBHIdQHB3d3f2d2f2d3f2fBBIII8h")
 stop_point_m, setpoint_mps, frame (point_m, angle_rad, scale, rate), response_s, doubt_s, frame.leg,
 stage, override, gains_tag, next_gains_tag, exchange. Flags: bit 0 done, bit 1 airborne, bit 2 frame
 (else its fields are 0), bits 3 and 4 left (its place in `_LEFT`), bit 5 down."""
+_STATE_PEEK: Final = struct.Struct("<2xH4xd11x2d")
+"""agent, time_s, north and east of the same."""
 _DONE, _AIRBORNE, _FRAME, _DOWN = 1, 2, 4, 32
 _PHASES: Final[dict[int, Phase]] = {phase.value: phase for phase in Phase}
 _LEFT: Final = (None, *ENDING)
@@ -143,6 +146,17 @@ def _decode_state(data: bytes) -> AgentState:
         _LEFT[flags >> _LEFT_BIT & 3],
         flags & _DOWN != 0,
     )
+
+
+def glimpse(kind: type[object], data: bytes) -> Glimpse | None:
+    """A state or a clock word, unchecked, with a tenth of the work of `decode`; None: neither."""
+    if kind is AgentState and len(data) == _STATE.size:
+        agent, time_s, north, east = _STATE_PEEK.unpack_from(data)
+        return Glimpse(agent, time_s, (north, east))
+    if kind is ClockNews and len(data) >= _CLOCK.size:
+        _, agent, time_s, _ = _CLOCK.unpack_from(data)
+        return Glimpse(agent, time_s)
+    return None
 
 
 def _encode_clock(news: ClockNews) -> bytes:

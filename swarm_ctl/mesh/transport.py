@@ -66,5 +66,9 @@ class Transport(Protocol):
         """Links that were ended in the last seconds before `now` [s]; by default none is."""
         return ()
 
+    def busiest(self) -> str:
+        """The links that bring most bytes, since the last call; '': that is not known."""
+        return ""
+
     def close(self) -> None:
         """Leave the mesh."""

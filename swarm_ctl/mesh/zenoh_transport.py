@@ -105,6 +105,9 @@ class ZenohTransport(Transport):
     def refused(self, now: float) -> tuple[Refusal, ...]:
         return self._links.refused(now)
 
+    def busiest(self) -> str:
+        return self._links.busiest()
+
     def publish(self, key: str, data: bytes, qos: Qos, mark: bytes = b"") -> None:
         publisher = self._publishers.get(key)
         if publisher is None:

@@ -21,6 +21,7 @@ from swarm_ctl.core.model.messages import (
     AgentStatus,
     Command,
     Event,
+    Glimpse,
     Phase,
     StationBeacon,
 )
@@ -219,11 +220,16 @@ class VirtualSwarm:
     def _step(self, member: Member) -> None:
         now = member.clock(self.now)
         member.link.receive(now)
+        take = member.node.take
+
+        def likely(word: Glimpse, at: float) -> bool:
+            return member.agent.likely(word, member.clock(at))
+
         inbox = Inbox(
             view=member.link.view(),
-            states=[(state, member.clock(at)) for state, at in member.node.take(keys.STATE)],
-            far=[(state, member.clock(at)) for state, at in member.node.take(keys.FAR)],
-            clocks=[(news, member.clock(at)) for news, at in member.node.take(keys.CLOCK)],
+            states=[(state, member.clock(at)) for state, at in take(keys.STATE, likely)],
+            far=[(state, member.clock(at)) for state, at in take(keys.FAR, likely)],
+            clocks=[(news, member.clock(at)) for news, at in take(keys.CLOCK, likely)],
             beacons=[(beacon, member.clock(at)) for beacon, at in member.node.take(keys.BEACON)],
             commands=[command for command, _ in member.node.take(keys.COMMAND)],
             told_to_end=self.told_to_end,

@@ -123,7 +123,7 @@ def flooded(watch: Watch, kinds: tuple[str, ...], seconds: float) -> dict[str, i
     commands, from a station whose beacon was never heard."""
     endpoint, swarm = watch.manifest.agents_mesh[0], watch.manifest.swarm
     watch.anew()
-    with flooding(kinds, swarm, seconds, endpoint) as floods:
+    with flooding(kinds, swarm, seconds, endpoint, aside=True) as floods:
         told_s = command_due_s = time.monotonic() + 1.0
         while any(each.poll() is None for each in floods):
             watch.look()
@@ -140,11 +140,12 @@ def flooded(watch: Watch, kinds: tuple[str, ...], seconds: float) -> dict[str, i
 
 @contextmanager
 def flooding(
-    kinds: tuple[str, ...], swarm: str, seconds: float, endpoint: str
+    kinds: tuple[str, ...], swarm: str, seconds: float, endpoint: str, *, aside: bool = False
 ) -> Iterator[list[subprocess.Popen[str]]]:
-    """A process for each flood; behind the block, none."""
+    """A process for each flood; behind the block, none. `aside`: it takes no core that others want,
+    as a stranger on a machine of its own."""
     command = [sys.executable, "-m", "tests.security.flooder"]
-    more = [swarm, str(seconds), endpoint]
+    more = [swarm, str(seconds), endpoint, *(["aside"] * aside)]
     floods = [
         subprocess.Popen([*command, kind, *more], cwd=ROOT, stdout=subprocess.PIPE, text=True)
         for kind in kinds

@@ -36,6 +36,7 @@ from swarm_ctl.core.model.messages import (
     Command,
     CommandKind,
     Event,
+    Glimpse,
     Outcome,
     Phase,
     Refusal,
@@ -227,6 +228,10 @@ class Agent:
         return actions
 
     # --- what is heard ---
+
+    def likely(self, word: Glimpse, received_s: float) -> bool:
+        """Whether this word of a peer may follow what was believed of it."""
+        return self._peers.likely(word, received_s)
 
     def _take_in(self, now: float, inbox: Inbox) -> Tick:
         context, peers = self._context, self._peers

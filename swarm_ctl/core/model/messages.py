@@ -9,7 +9,7 @@ from __future__ import annotations
 import zlib
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.own_parameters import OwnParameters
@@ -214,6 +214,15 @@ class SigmaReport:
     consensus: Point
     avoidance: Point
     pairs: tuple[PairReport, ...]
+
+
+class Glimpse(NamedTuple):
+    """What a state or a clock word says at first sight, unchecked."""
+
+    agent: int
+    time_s: float
+    at_m: Point | None = None
+    """(north, east); None: it is a clock word."""
 
 
 @dataclass(frozen=True, slots=True)

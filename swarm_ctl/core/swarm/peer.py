@@ -14,12 +14,13 @@ import math
 from dataclasses import dataclass, field
 
 from swarm_ctl.core.model.histogram import Histogram
-from swarm_ctl.core.model.messages import AgentState, LinkReport, Phase
+from swarm_ctl.core.model.messages import AgentState, Glimpse, LinkReport, Phase
 from swarm_ctl.core.model.timeouts import FAR_EVERY_S, FAR_LATE_S, FRESH_S, NEIGHBOUR_S
 from swarm_ctl.core.swarm.clocks import PeerClock
 from swarm_ctl.core.swarm.plausibility import (
     CLOCK_S,
     INSISTS_S,
+    JUMP_M,
     LASTS_S,
     NO_JUMPS,
     SUSPECT_S,
@@ -189,6 +190,22 @@ class Peer:
                 self.lost += state.seq - self._counted - 1
             self._counted = state.seq
         return believed
+
+    def likely(self, word: Glimpse, received_s: float) -> bool:
+        """Whether a word may follow what was believed: it fits the peer's clock, and a state is new
+        and where the vehicle flies to. In a flood these are read first."""
+        told_s, old = word.time_s, self.state
+        early_s = self.clock.bounds(received_s)[0] - CLOCK_S
+        if not told_s - received_s >= early_s or self.clock.beyond(told_s, received_s):
+            return False  # NaN, too
+        if word.at_m is None:
+            return True
+        if old is None or told_s <= old.time_s:
+            return False
+        elapsed_s, velocity = told_s - old.time_s, old.velocity_ned_mps
+        off_n = word.at_m[0] - old.position_ned_m[0] - elapsed_s * velocity[0]
+        off_e = word.at_m[1] - old.position_ned_m[1] - elapsed_s * velocity[1]
+        return math.hypot(off_n, off_e) <= JUMP_M
 
     def _hear(self, state: AgentState, received_s: float) -> bool:
         old = self.state

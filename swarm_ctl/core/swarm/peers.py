@@ -6,7 +6,14 @@ import math
 from collections.abc import Container, Iterator, Sequence
 from typing import Final
 
-from swarm_ctl.core.model.messages import AgentState, ClockNews, LinkReport, Phase, Severity
+from swarm_ctl.core.model.messages import (
+    AgentState,
+    ClockNews,
+    Glimpse,
+    LinkReport,
+    Phase,
+    Severity,
+)
 from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.core.model.vehicle import Contact
 from swarm_ctl.core.swarm.clocks import Clocks
@@ -46,6 +53,11 @@ class Peers:
         if peer is None:
             return False
         return peer.hear(peer.limits.in_plan.own_mission(state), received_s, far=far)
+
+    def likely(self, word: Glimpse, received_s: float) -> bool:
+        """Whether this word of a peer may follow what was believed of it."""
+        peer = self._by_id.get(word.agent)
+        return peer is not None and peer.likely(word, received_s)
 
     def follow(self, near: Container[int], now: float) -> None:
         """These peers are near, and all others far."""

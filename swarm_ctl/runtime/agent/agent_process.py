@@ -254,9 +254,9 @@ def _loop(
         link.receive(now)
         inbox = Inbox(
             view=link.view(),
-            states=node.take(keys.STATE),
-            far=node.take(keys.FAR),
-            clocks=node.take(keys.CLOCK),
+            states=node.take(keys.STATE, agent.likely),
+            far=node.take(keys.FAR, agent.likely),
+            clocks=node.take(keys.CLOCK, agent.likely),
             beacons=node.take(keys.BEACON),
             commands=[command for command, _ in node.take(keys.COMMAND)],
             told_to_end=lifeline.cut(),
