@@ -18,9 +18,8 @@ import stat
 import struct
 import sys
 import threading
-import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -39,9 +38,11 @@ _BRINGS: Final = 3
 
 
 class Links:
-    """`heard` is called on zenoh's thread, `refused` and `busiest` on the owner's."""
+    """`heard` is called on zenoh's thread, `refused` and `busiest` on the owner's, by whose clock
+    (`now`) links bring so much a second."""
 
-    def __init__(self) -> None:
+    def __init__(self, now: Callable[[], float] = lambda: 0.0) -> None:
+        self._now = now
         self._links: dict[str, set[tuple[str, str]]] = {}
         """(zenoh's id, address) of the other ends, by name."""
         self._came: dict[tuple[str, int], tuple[str, float, int]] = {}
@@ -59,7 +60,7 @@ class Links:
             if ended:
                 self._came.pop(address, None)
             else:
-                self._came[address] = (name or "", time.monotonic(), 0)
+                self._came[address] = (name or "", self._now(), 0)
         if name is None:
             return
         found = self._links.setdefault(name, set())
@@ -88,7 +89,7 @@ class Links:
         call, or since they came. '': the kernel does not count them."""
         if not sys.platform.startswith("linux"):
             return ""
-        now, received = time.monotonic(), dict(_received())
+        now, received = self._now(), dict(_received())
         found: list[tuple[float, str]] = []
         with self._lock:
             for at, (name, since_s, before) in self._came.items():

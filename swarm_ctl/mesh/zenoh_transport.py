@@ -98,7 +98,7 @@ class ZenohTransport(Transport):
             self._session: Any = LateSession(lambda: _open_to_router(config))
         else:
             self._session = _open(config)
-        self._links = Links()
+        self._links = Links(now)
         self._listener = _tend_links(self._session, self._links)
         _show(self._session, alive, self._kept)
 
