@@ -17,7 +17,7 @@ from swarm_ctl.mesh.gate import Gate, Likely, Source, Stations
 from swarm_ctl.mesh.keys import Channel
 from swarm_ctl.mesh.payloads import decode, encode
 from swarm_ctl.mesh.refusals import Refusals
-from swarm_ctl.mesh.transport import Inlet, Transport
+from swarm_ctl.mesh.transport import Inlet, Message, Transport
 
 P = TypeVar("P")
 
@@ -74,8 +74,9 @@ class Node:
         """(payload, received_s [s]) of the messages since the last call, oldest first; those that
         are refused are left out. Of too many under the key of an agent of the plan, those that are
         `likely` have an allowance of their own."""
-        inlets = self._inlets.get(channel.name, {})
-        messages = [message for inlet in inlets.values() for message in inlet.drain()]
+        messages: list[Message] = []
+        for inlet in self._inlets.get(channel.name, {}).values():
+            messages += inlet.drain()
         if not messages:
             return []
         gate = self._gates[channel.name]

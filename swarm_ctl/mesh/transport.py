@@ -42,8 +42,9 @@ class QueueInlet(Inlet):
         self._waiting.append((received_s, key, data))
 
     def drain(self) -> list[Message]:
+        waiting = self._waiting
         # Not more than wait now: the other thread may add as fast as this one takes.
-        return [self._waiting.popleft() for _ in range(len(self._waiting))]
+        return [waiting.popleft() for _ in range(len(waiting))] if waiting else []
 
     def end(self) -> None:
         """Take no more."""

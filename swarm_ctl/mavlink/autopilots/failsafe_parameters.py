@@ -78,6 +78,11 @@ class FailsafeParameters:
         self._changed: set[str] = set()
         """Set to our value, and not yet to the vehicle's own after it."""
         self._seen: object = None
+        """`parameter_news` of what was compared last; so with `_learnt` and `_watched`."""
+        self._learnt: object = None
+        self._watched: object = None
+        self._wrong: dict[str, float] = {}
+        """The values that are not what is wanted, as watched last."""
         self._unconfirmed: list[str] = []
         self._released = False
         self._unsafe, self._unsafe_s = "", -math.inf
@@ -91,7 +96,8 @@ class FailsafeParameters:
 
     def recall(self, remembered: Remembered | None) -> None:
         """What an earlier flight that did not give it back remembered of this vehicle."""
-        self._recalled, self._remembered, self._seen = True, remembered, None
+        self._recalled, self._remembered = True, remembered
+        self._seen = self._learnt = None
 
     @property
     def remembers(self) -> bool:
@@ -147,7 +153,7 @@ class FailsafeParameters:
 
     def take(self, heard: Telemetry, now: float) -> list[Message]:
         """Read and set our values. On an armed vehicle none is set: a pilot may be flying it."""
-        self.given_back, self._seen = False, None
+        self.given_back, self._seen, self._learnt = False, None, None
         self._settle(heard, now)
         return self._look(heard, now) + self._towards(self._wanted, heard, now)
 
@@ -164,14 +170,9 @@ class FailsafeParameters:
         other: a vehicle need not tell each link of a change."""
         self._learn(heard)
         messages = []
-        values = {
-            name: self._value(heard, name) for name in self._rules if name in heard.parameters
-        }
-        wrong = {
-            name: value
-            for name, value in values.items()
-            if value is not None and self._rules[name].wanted(value) != value
-        }
+        if self._watched is not heard.parameter_news:
+            self._watched, self._wrong = heard.parameter_news, self._unwanted(heard)
+        wrong = self._wrong
         for name, value in wrong.items():
             if self._may_set(name) and self._pacer.due(f"again {name}", RETRY_S, now):
                 known = heard.parameters[name]
@@ -189,11 +190,20 @@ class FailsafeParameters:
             self._unsafe, self._unsafe_s = found, now
         return messages + self._read_again(heard, now)
 
+    def _unwanted(self, heard: Telemetry) -> dict[str, float]:
+        """The values, by name, that are not what is wanted."""
+        values = {name: self._value(heard, name) for name in self._rules}
+        return {
+            name: value
+            for name, value in values.items()
+            if value is not None and self._rules[name].wanted(value) != value
+        }
+
     def _read_again(self, heard: Telemetry, now: float) -> list[Message]:
         """The next of those that the vehicle has, and of those that it must have."""
-        names = [n for n, rule in self._rules.items() if n in heard.parameters or not rule.optional]
         if not self._pacer.due("watch", PARAMETER_READ_S, now):
             return []
+        names = [n for n, rule in self._rules.items() if n in heard.parameters or not rule.optional]
         self._reads += 1
         return [outgoing.read_parameter(self._system, names[self._reads % len(names)])]
 
@@ -236,7 +246,10 @@ class FailsafeParameters:
 
     def _learn(self, heard: Telemetry) -> None:
         """Note whose value a parameter has that was read for the first time."""
-        for name in {**self._wanted, **self._left} if self._recalled else ():
+        if not self._recalled or self._learnt is heard.parameter_news:
+            return
+        self._learnt = heard.parameter_news
+        for name in {**self._wanted, **self._left}:
             value = self._value(heard, name)
             if value is not None and name not in self.own:
                 rule, left = self._rules.get(name), self._left.get(name)
