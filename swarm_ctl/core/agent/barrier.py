@@ -67,13 +67,15 @@ class Barrier:
         for peer in tick.peers.peers:
             if peer.expelled:
                 self.departed[peer.id] = f"agent {peer.id} was expelled by the operator"
-            elif peer.state is not None and peer.left is not None:
+            elif peer.left is not None and peer.state is not None:
                 self.departed[peer.id] = left_by_order(peer.state)
         self.accepted &= self.departed.keys()
         self._context.slot_exchange.departed = self.departed
         goes_on = self._plan.policies.left_by_order is Policy.CONTINUE
         flies = goes_on and self._context.trigger is None
-        for agent in sorted(self.departed.keys() - before.keys()) if flies else ():
+        for agent in (
+            sorted(self.departed.keys() - before.keys()) if flies and self.departed else ()
+        ):
             self._context.say(tick.now, Severity.INFO, f"goes on: {self.departed[agent]}")
 
     @property
@@ -112,6 +114,8 @@ class Barrier:
     def waits_for(self, now: float) -> dict[int, float]:
         """The agents that a command holds, and for how long the mission still waits for each
         [s]."""
+        if not self._held_since:
+            return {}
         left = {i: self._pause_s - (now - since) for i, since in self._held_since.items()}
         return {i: left_s for i, left_s in left.items() if left_s > 0}
 

@@ -39,6 +39,8 @@ class Attention:
 
     def awake_s(self, since_s: float, now: float) -> float:
         """For how long [s] of the time from `since_s` to `now` the agent ran."""
+        if not self._asleep:
+            return now - since_s
         asleep = (max(0.0, end - max(begin, since_s)) for begin, end in self._asleep)
         return now - since_s - sum(asleep)
 

@@ -139,6 +139,19 @@ class ExchangeState:
     answer_role: int = -1
     """The role that the other agent has from now on."""
 
+    def beyond(self, agents: int) -> int | None:
+        """A place that it names and a plan of so many agents has not; None: there is none."""
+        if (
+            -1 <= self.role < agents
+            and -1 <= self.lock < agents
+            and -1 <= self.offer_to < agents
+            and -1 <= self.answer_to < agents
+            and -1 <= self.answer_role < agents
+        ):
+            return None
+        named = (self.role, self.lock, self.offer_to, self.answer_to, self.answer_role)
+        return next(place for place in named if not -1 <= place < agents)
+
 
 NO_EXCHANGE = ExchangeState(role=-1)
 """Says nothing: its role is its own place."""

@@ -149,21 +149,17 @@ class SharedClock(PeerClock):
         self._late_since_s: float | None = None
 
     @property
-    def _shared(self) -> bool:
-        return self not in self._apart
-
-    @property
     def known(self) -> bool:
         """Both bounds are finite."""
-        return self._shared or super().known
+        return self not in self._apart or super().known
 
     def bounds(self, now: float) -> tuple[float, float]:
         """(0, 0) while it is the own one."""
-        return (0.0, 0.0) if self._shared else super().bounds(now)
+        return (0.0, 0.0) if self not in self._apart else super().bounds(now)
 
     def beyond(self, told_s: float, received_s: float) -> float:
         """As of any clock; 0 for what the receiver's pace explains."""
-        if not self._shared:
+        if self in self._apart:
             return super().beyond(told_s, received_s)
         ahead_s = told_s - received_s
         return ahead_s if ahead_s > _READ_S else 0.0
@@ -175,7 +171,7 @@ class SharedClock(PeerClock):
             self._late_since_s = self.unknown_s = None
             self._apart.discard(self)
             return
-        if not self._shared:
+        if self in self._apart:
             super().told(told_s, received_s)
             return
         since_s = received_s if self._late_since_s is None else self._late_since_s
@@ -191,7 +187,7 @@ class SharedClock(PeerClock):
 
     def answered(self, asked_s: float, heard_s: float, told_s: float, received_s: float) -> None:
         """As of any clock; while it is the own one, only whether the word contradicts that."""
-        if not self._shared:
+        if self in self._apart:
             super().answered(asked_s, heard_s, told_s, received_s)
         elif told_s - received_s <= heard_s - asked_s + _ROUNDING_S:
             self.stepped_s = max(0.0, told_s - received_s, asked_s - heard_s)

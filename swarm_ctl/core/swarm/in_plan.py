@@ -8,6 +8,7 @@ replays (`station/picture/model.py`) and by reports (`report/folder/`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass, replace
 from typing import Final
@@ -93,9 +94,8 @@ class InPlan:
             return f"its way back is at stage {state.stage}; allowed: 0 to {_STAGES}"
         if state.exchange is not NO_EXCHANGE:
             said = state.exchange
-            named = (said.role, said.lock, said.offer_to, said.answer_to, said.answer_role)
-            if min(named) < -1 or max(named) >= len(self._ids):
-                odd = next(place for place in named if not -1 <= place < len(self._ids))
+            odd = said.beyond(len(self._ids))
+            if odd is not None:
                 return f"it names place {odd} in the plan; allowed: 0 to {len(self._ids) - 1}"
         frame = state.frame
         if frame is not None and frame.leg and not state.override and state.step:
@@ -111,8 +111,8 @@ class InPlan:
         )
         if frame is not None:
             figures += (*frame.point_m, frame.angle_rad, frame.scale, frame.rate)
-        # one sum for all: most are finite and small
-        return "" if sum(map(abs, figures)) < _MOST else _odd_figure(state)
+        # one length for all: it is no less than the largest, and most are finite and small
+        return "" if math.hypot(*figures) < _MOST else _odd_figure(state)
 
     @property
     def _has_steps(self) -> str:

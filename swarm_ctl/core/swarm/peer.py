@@ -130,14 +130,14 @@ class Peer:
                 self.id, clock_unknown=self.clock.unknown_s is not None, expelled=self.expelled
             )
         age_s, late_s = now - self.true_s, self.late_s(now)
-        heard, says, suspect = not self.expelled, bool(self._says), self.suspect(now)
+        heard, suspect, says = not self.expelled, self.suspect(now), self._says
         fresh = age_s <= FRESH_S + late_s and heard
         return OtherAircraft(
             self.id,
             state,
             complex(state.position_ned_m[0], state.position_ned_m[1]),
-            complex(*state.stop_point_m),
-            complex(*state.setpoint_mps),
+            complex(state.stop_point_m[0], state.stop_point_m[1]),
+            complex(state.setpoint_mps[0], state.setpoint_mps[1]),
             age_s,
             now - self.earliest_s,
             fresh,
@@ -146,10 +146,10 @@ class Peer:
             (state.step, state.override) if fresh and state.phase is Phase.FLY else None,
             self.limits.counted_s(state.response_s),
             self.clock.unknown_s is not None,
-            says and self._lasts("ends", now),
-            state.left if says and self._lasts("left", now) else None,
-            state.down and says and self._lasts("down", now),
-            heard and says and self._lasts("held", now),
+            "ends" in says and self._lasts("ends", now),
+            state.left if "left" in says and self._lasts("left", now) else None,
+            state.down and "down" in says and self._lasts("down", now),
+            heard and "held" in says and self._lasts("held", now),
             self.expelled,
             suspect,
             late_s > 0.0,
@@ -299,7 +299,7 @@ class Peer:
             self._says[what] = (word, now)
 
     def _lasts(self, what: str, now: float) -> bool:
-        known = self._says.get(what) if self._says else None
+        known = self._says.get(what)
         return known is not None and now - known[1] >= LASTS_S
 
     # --- what is not believed ---

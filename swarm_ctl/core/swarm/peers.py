@@ -98,8 +98,10 @@ class Peers:
         """Peers that are no longer believed, or again: said once each."""
         said = []
         for peer in self:
+            if peer.found is None:
+                continue  # it was always believed
             before = self._suspects.get(peer.id)
-            if peer.found is not None and peer.suspect(now):
+            if peer.suspect(now):
                 if peer.found.doubt is not before:
                     self._suspects[peer.id] = peer.found.doubt
                     words = f"agent {peer.id} is not believed: {peer.found.words}; {_CLEAR}"
@@ -124,21 +126,22 @@ class Peers:
     def count_ages(self, now: float) -> None:
         """Sample the age of every near peer that has not ended; call it once a tick."""
         for peer in self._near:
-            ended = peer.state is None or peer.state.phase is Phase.ENDED
-            if not ended and peer.clock.known:
-                peer.ages.add(peer.age(now))
+            state = peer.state
+            if state is not None and state.phase is not Phase.ENDED and peer.clock.known:
+                peer.ages.add(now - peer.true_s)
 
     def snapshot(
         self, now: float, contacts: Sequence[Contact] = (), own_m: Point = (0.0, 0.0)
     ) -> PeerSnapshot:
         """The other aircraft now; `own_m` decides which contacts are the nearest ones."""
-        peers = self._vacated.at_rest(tuple(peer.view(now) for peer in self))
+        peers = self._vacated.at_rest(tuple([peer.view(now) for peer in self]))
         traffic = self._traffic.unexplained(now, contacts, peers, own_m)
         self._vacated.look(now, contacts, peers, sees=bool(self._traffic.seen))
         self._compare(now)
         # one that the sensor sees where it was believed to be is not elsewhere
-        elsewhere = (p.elsewhere(now) for p in self if p.id not in self._traffic.seen)
-        return PeerSnapshot(now, peers, (*traffic, *filter(None, elsewhere)))
+        seen = self._traffic.seen
+        elsewhere = [at for p in self if p.id not in seen and (at := p.elsewhere(now)) is not None]
+        return PeerSnapshot(now, peers, (*traffic, *elsewhere))
 
     def _compare(self, now: float) -> None:
         """Doubt the peers that the traffic sensor has seen stop elsewhere for a while."""

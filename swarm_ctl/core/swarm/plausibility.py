@@ -131,10 +131,11 @@ class Limits:
             return _over("it flies at", flown, self.fastest_mps, "m/s")
         if told > self.setpoint_mps:
             return _over("its setpoint is", told, self.setpoint_mps, "m/s")
-        if not -LATEST_S <= state.response_s <= _SLOWEST_S or not 0 <= state.doubt_s <= _SLOWEST_S:
-            return _over("it answers after", state.response_s, _SLOWEST_S, "s")
+        response_s = state.response_s
+        if not -LATEST_S <= response_s <= _SLOWEST_S or not 0 <= state.doubt_s <= _SLOWEST_S:
+            return _over("it answers after", response_s, _SLOWEST_S, "s")
         ahead = math.hypot(stop_n - north, stop_e - east)
-        reach = self.counted_s(max(0.0, state.response_s)) * max(flown, self.setpoint_mps)
+        reach = max(0.0, self.counted_s(response_s)) * max(flown, self.setpoint_mps)
         reach += self.stops_m + JUMP_M
         if ahead > reach:
             return _over("its stop point is ahead of it by", ahead, reach, "m")

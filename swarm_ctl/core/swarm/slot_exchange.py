@@ -69,9 +69,11 @@ class SlotExchange:
         """Take in what is told now."""
         known, roles = self._heard_of, {self._own: self.exchange.role}
         for peer in self._peers:
-            state = peer.state
-            if state is not None and state is not known.get(peer.id):
-                known[peer.id] = state
+            state, before = peer.state, known.get(peer.id)
+            if state is None or state is before:
+                continue
+            known[peer.id] = state
+            if before is None or state.exchange is not before.exchange:
                 said = self._said[peer.id] = self._sense(peer.id, state.exchange)
                 roles[peer.id] = said.role
         if any(self.roles[agent] != role for agent, role in roles.items()):
@@ -232,8 +234,7 @@ class SlotExchange:
 
     def _sense(self, agent: int, said: ExchangeState) -> ExchangeState:
         """What an agent says; that it has its own role, where that makes no sense."""
-        places = (said.role, said.lock, said.offer_to, said.answer_to, said.answer_role)
-        if said.role < 0 or min(places) < -1 or max(places) >= len(self._ids):
+        if said.role < 0 or said.beyond(len(self._ids)) is not None:
             return ExchangeState(role=self._places[agent])
         return said
 

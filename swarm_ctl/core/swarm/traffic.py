@@ -58,6 +58,7 @@ class Traffic:
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
+        self._response, self._limit_mps = plan.response, plan.limits.speed_mps
         self._fastest_mps = Limits.of(plan).fastest_mps
         self.seen: frozenset[int] = frozenset()
         """The peers that the sensor sees where they say."""
@@ -71,8 +72,11 @@ class Traffic:
     ) -> tuple[OtherAircraft, ...]:
         """The contacts that are no followed peer, the `MAX_CONTACTS` nearest to `own_m` first."""
         stand = [p.state.position_ned_m for p in peers if p.down and p.state is not None]
+        known = self._reports
         recent = [
-            self._report(contact)
+            report
+            if (report := known.get(contact.address)) is not None and report.contact is contact
+            else self._report(contact)
             for contact in contacts
             if 0.0 <= now - contact.time_s <= _CONTACT_S
             and not (stand and self._stands(contact, stand))
@@ -101,13 +105,14 @@ class Traffic:
         if not followed:
             return [True] * len(at)
         told = [peer.position for peer in followed]
-        reach_m = [_SAME_AIRCRAFT_M + self._fastest_mps * peer.age(now) for peer in followed]
+        ages = [peer.age(now) for peer in followed]
+        reach_m = [_SAME_AIRCRAFT_M + self._fastest_mps * age_s for age_s in ages]
         unlike, seen = [True] * len(at), []
         for k, j in _near(at, told, reach_m):
-            peer, report = followed[j], reports[k]
-            if abs(at[k] - _carried_on(peer, now)) >= _SAME_AIRCRAFT_M:
+            peer, report, age_s = followed[j], reports[k], ages[j]
+            if abs(at[k] - _carried_on(peer, age_s)) >= _SAME_AIRCRAFT_M:
                 continue
-            stops = peer.stop_point + peer.setpoint * min(peer.age(now), predicted_s(peer))
+            stops = peer.stop_point + peer.setpoint * min(age_s, predicted_s(peer))
             off_m = abs(at[k] + report.stops - stops)
             if off_m <= self._may_differ_m(report.speed, now - report.contact.time_s):
                 unlike[k] = False
@@ -115,12 +120,13 @@ class Traffic:
             else:
                 self.off[peer.id] = off_m
         self.seen = frozenset(seen)
-        self.off = {i: off_m for i, off_m in self.off.items() if i not in self.seen}
+        if self.off:
+            self.off = {i: off_m for i, off_m in self.off.items() if i not in self.seen}
         return unlike
 
     def _may_differ_m(self, speed: float, age_s: float) -> float:
         """Setpoints that the vehicle has yet to fly, and what it did since the contact."""
-        response, limit = self._plan.response, self._plan.limits.speed_mps
+        response, limit = self._response, self._limit_mps
         turned = min(response.acceleration_mps2 * age_s, limit)
         ahead_s = response.dead_time_s + response.lag_s
         return _STOPS_M + response.dead_time_s * (limit + speed) + turned * ahead_s
@@ -131,14 +137,12 @@ class Traffic:
         return any(math.dist(at, place) < _SAME_AIRCRAFT_M for place in places)
 
     def _report(self, contact: Contact) -> _Report:
-        """What the contact says; worked out once a report."""
-        report = self._reports.get(contact.address)
-        if report is None or report.contact is not contact:
-            north, east, _ = ned_from_geodetic(contact.position, self._plan.origin)
-            velocity = _horizontal(contact.velocity_ned_mps)
-            stops = self._stops(velocity)
-            report = _Report(contact, complex(north, east), velocity, abs(velocity), stops)
-            self._reports[contact.address] = report
+        """What a new contact says: worked out once."""
+        north, east, _ = ned_from_geodetic(contact.position, self._plan.origin)
+        velocity = _horizontal(contact.velocity_ned_mps)
+        stops = self._stops(velocity)
+        report = _Report(contact, complex(north, east), velocity, abs(velocity), stops)
+        self._reports[contact.address] = report
         return report
 
     def _stops(self, velocity: complex) -> complex:
@@ -225,10 +229,10 @@ def _stands(contact: Contact, at: Vector3) -> bool:
     return -at[2] < _GROUND_M and math.hypot(*contact.velocity_ned_mps) < _STANDS_MPS
 
 
-def _carried_on(peer: OtherAircraft, now: float) -> complex:
-    """Where a peer is now, with the velocity that it has told."""
+def _carried_on(peer: OtherAircraft, age_s: float) -> complex:
+    """Where a peer of which the news has this age is now, with the velocity that it has told."""
     flies = peer.state.velocity_ned_mps if peer.state is not None else (0.0, 0.0)
-    return peer.position + _horizontal(flies) * peer.age(now)
+    return peer.position + complex(flies[0], flies[1]) * age_s
 
 
 def _horizontal(vector: Sequence[float]) -> complex:
