@@ -4,6 +4,7 @@ leaves it alone."""
 from __future__ import annotations
 
 import math
+import random
 from dataclasses import replace
 
 import numpy as np
@@ -296,3 +297,93 @@ def test_one_that_finds_its_vehicle_landed_never_takes_off(step: int) -> None:
     assert "AirborneGoal" not in swarm.members[2].goals
     assert swarm.outcomes()[2] == "failed"
     assert "the swarm flies already" in texts(swarm)
+
+
+class Again:
+    """A drawn moment of a take-off, from `prepare` to the first of `form`, at which an agent is
+    killed and, a drawn time later, started again."""
+
+    def __init__(self, seed: int) -> None:
+        draw = random.Random(seed)
+        mission = quartet("hold: {duration_s: 5}", "land")
+        kinds = draw.choice([("ardupilot",), ("px4",), ("ardupilot", "px4")])
+        agents = tuple(replace(a, autopilot=draw.choice(kinds)) for a in mission.fleet.agents)
+        policies = replace(mission.plan.policies, agent_lost=draw.choice(list(LOST)))
+        plan = replace(mission.plan, policies=policies)
+        mission = replace(mission, plan=plan, fleet=replace(mission.fleet, agents=agents))
+        self.swarm = swarm = landing_fast(VirtualSwarm(mission, seed + 1))
+        self.agent = draw.choice(swarm.plan.agents).id
+        step, off = draw.choice([(0, False), (TAKEOFF, False), (TAKEOFF, True), (FORM, True)])
+        own = swarm.members[self.agent]
+        swarm.wait(lambda _: own.status is not None and own.status.step == step)
+        swarm.wait(lambda _: self.airborne >= off)
+        swarm.run(draw.uniform(0.0, 3.0))
+        swarm.kill(self.agent)
+        swarm.run(draw.choice([draw.uniform(0.3, 8.0), draw.uniform(8.0, 25.0)]))
+
+    @property
+    def airborne(self) -> bool:
+        """Its vehicle, by truth."""
+        place = [a.id for a in self.swarm.plan.agents].index(self.agent)
+        return self.swarm.hub.world.airborne()[place]
+
+    @property
+    def others_take_off(self) -> bool:
+        """Each of the others is there and takes off: none winds its flight down."""
+        others = [m for i, m in self.swarm.members.items() if i != self.agent]
+        phases = {m.status.phase for m in others if m.alive and m.status is not None}
+        return all(m.alive for m in others) and phases <= {Phase.PREPARE, Phase.ARM, Phase.TAKEOFF}
+
+    def joined(self) -> bool:
+        """It is with the others in a step after the take-off."""
+        members = self.swarm.members.values()
+        return all(m.alive and m.status is not None and m.status.step > TAKEOFF for m in members)
+
+
+LOST = (Policy.LAND, Policy.HOLD, Policy.CONTINUE, Policy.RETURN)
+TOLD = (0, 4, 18)
+"""It ends on the ground; it takes off and joins; it joins in the air. Of all 60: 26, 21, 4, and 9
+that see their vehicles land."""
+
+
+@pytest.mark.parametrize("seed", [s if s in TOLD else on_demand(s) for s in range(60)])
+def test_one_that_comes_back_to_a_take_off_joins_or_ends(seed: int) -> None:
+    """Its vehicle leaves the ground only while all others take off, too; then all go on
+    together."""
+    again = Again(seed)
+    swarm, flew, lifted = again.swarm, again.airborne, False
+    swarm.restart(again.agent)
+    own = swarm.members[again.agent]
+    while own.ended is None and not again.joined():
+        before = again.others_take_off
+        swarm.tick()
+        if again.airborne and not flew:
+            assert before, "it takes off alone"
+            lifted = True
+        flew = again.airborne
+        assert swarm.now < 200.0, texts(swarm)
+    assert own.ended is None or not lifted, own.ended
+    assert own.ended is None or not again.airborne, own.ended
+    assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_a_climb_that_a_hold_has_stopped_goes_on(autopilot: str) -> None:
+    """An agent is away as the others climb: they hold, below their height, until it is back. Those
+    that went on were taken for fallen out of height; an ArduCopter takes no second take-off in the
+    air, and hung there until the step's time was over."""
+    mission = quartet("land", height_m=16)
+    agents = tuple(replace(a, autopilot=autopilot) for a in mission.fleet.agents)
+    policies = replace(mission.plan.policies, agent_lost=Policy.HOLD, agent_lost_after_s=8.0)
+    plan = replace(mission.plan, policies=policies)
+    mission = replace(mission, plan=plan, fleet=replace(mission.fleet, agents=agents))
+    swarm = at_step(mission, TAKEOFF)
+    swarm.kill(2)
+    swarm.wait(lambda s: Phase.HOLD in s.phases())
+    swarm.run(8.0)
+    assert not swarm.hub.world.armed()[1]
+    heights = [-swarm.hub.world.positions()[place][2] for place in (0, 2, 3)]
+    assert 1.0 < min(heights) < 12.0
+    swarm.restart(2)
+    swarm.fly()
+    assert_good(swarm)

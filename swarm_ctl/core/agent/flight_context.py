@@ -90,7 +90,7 @@ class FlightContext:
     sunk_since_s: float | None = None
     """Since when it has been far below the height that it had reached and is to keep."""
     at_height: bool = False
-    """It has reached that height."""
+    """It has reached its planned height."""
     ground_m: float = 0.0
     """Height of the take-off point in the common frame."""
     target_height_m: float = 0.0
@@ -128,7 +128,9 @@ class FlightContext:
         if fix.velocity_ned_mps[2] > FALLS_MPS:
             self.fell_s = tick.now
         self.flown |= self.height(fix) > _FLOWN_M and not tick.view.on_ground
-        self.at_height |= self.flown and self.had_control and abs(missing_m) < _FLOWN_M
+        # Where a hold has stopped the climb is no height that it had reached.
+        there = abs(self.planned_height_m - self.height(fix)) < _FLOWN_M
+        self.at_height |= self.flown and self.had_control and there
         if not self.at_height or missing_m <= max(_SUNK_M, 0.5 * height_m):
             self.sunk_since_s = None
         elif self.sunk_since_s is None:

@@ -61,7 +61,7 @@ class StepExecutor:
         self._judged_s = 0.0
         self._flies_since: float | None = None
         """Since when a peer has said that the first step is over, and this vehicle stands."""
-        self._lifted_m: Point = (0.0, 0.0)
+        self._lifted_m: Point | None = None
         """Where the vehicle has left the ground."""
         self._last_text = self._cautioned = ""
 
@@ -173,8 +173,11 @@ class StepExecutor:
         context.target_height_m = context.planned_height_m = step.height_m
         missing_m = step.height_m - context.height(fix)
         climbs = missing_m > _HEIGHT_TOLERANCE_M and not context.progress.done
-        if climbs and self._takeover.taken_back and view.controlled:
-            return context.keep_clear(tick)  # a take-off that a pilot broke off is not begun again
+        # An autopilot's own take-off that a hold, a pilot or the end of an agent broke off is not
+        # begun again in the air: setpoints bring the vehicle up.
+        broken_off = context.setpoints.count > 0 or self._takeover.took
+        if climbs and broken_off and view.controlled and not view.on_ground:
+            return context.keep_clear(tick)
         if climbs:
             return self._climb(tick, fix, step)
         if view.controlled:
@@ -187,7 +190,7 @@ class StepExecutor:
         context, controller = self._context, self._context.controller
         steered = tick.view.climbs_by_setpoints and tick.view.controlled
         stands = tick.view.on_ground or context.height(fix) < _LIFTED_M
-        if stands or not steered:
+        if stands or not steered or self._lifted_m is None:
             controller.rest()
             self._lifted_m = fix.position_ned_m[:2]
             return AirborneGoal(step.height_m)

@@ -70,8 +70,11 @@ class Takeover:
         self._step = -1
         """The step that it rejoined at; -1: it took no vehicle over."""
         self._learn_until: float | None = None
-        self.taken_back = False
-        """The vehicle was with a pilot, and came back."""
+
+    @property
+    def took(self) -> bool:
+        """It took a vehicle over in the air, or again."""
+        return self._step >= 0
 
     def hear(self, state: AgentState, received_s: float) -> None:
         """A state with our own id comes from another process."""
@@ -219,7 +222,7 @@ class Takeover:
     def take_back(self, tick: Tick) -> None:
         """By the operator's word: hold for `LEARN_S`, then fly the swarm's step."""
         context, flying = self._context, self._flying(tick.peers)
-        context.trigger, self.taken_back = None, True
+        context.trigger = None
         context.sunk_since_s, context.at_height = None, False  # it flew where the pilot liked
         context.target_height_m = context.planned_height_m
         step = max([context.progress.step, *(state.step for state in flying)])
