@@ -27,6 +27,7 @@ from swarm_ctl.mesh.transport import Transport
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.report.folder.truth import Truth
 from swarm_ctl.report.judge.summary import Summary
+from swarm_ctl.runtime.collector import collected_rarely
 from swarm_ctl.virtual.account import Account
 from swarm_ctl.virtual.scenario import STATION, Happening, Says, Scenario
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm, configuration
@@ -352,15 +353,16 @@ class ScenarioFlight:
     def fly(self, watch: Callable[[ScenarioFlight], None] = lambda _: None) -> FlownScenario:
         """To its end, or to its upper bound; `watch` is called after each tick."""
         swarm = self.swarm
-        while not self.over and swarm.now < self.bound_s:
-            self.turn()
-            watch(self)
-        up = tuple(i for i, m in swarm.members.items() if m.alive)
-        until_s = swarm.now + _DRAIN_S
-        swarm.tick()  # in which the simulator learns that no agent is left
-        while not swarm.all_down and swarm.now < until_s:
-            swarm.tick()
-            watch(self)
+        with collected_rarely():
+            while not self.over and swarm.now < self.bound_s:
+                self.turn()
+                watch(self)
+            up = tuple(i for i, m in swarm.members.items() if m.alive)
+            until_s = swarm.now + _DRAIN_S
+            swarm.tick()  # in which the simulator learns that no agent is left
+            while not swarm.all_down and swarm.now < until_s:
+                swarm.tick()
+                watch(self)
         self._truth.close()
         names = [*(f"agent-{agent}" for agent in self._ids), STATION, "simulator"]
         summary, truth = self.account.judge({name: name in self._killed for name in names})

@@ -7,6 +7,7 @@ gives the same trace.
 from __future__ import annotations
 
 import hashlib
+import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -38,6 +39,7 @@ from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.transport import Transport
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.runtime.agent.publish import listen, publish
+from swarm_ctl.runtime.collector import collected_rarely
 from swarm_ctl.runtime.launch.sim_config import simulator_config
 from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory
 from swarm_ctl.virtual.account import Account
@@ -107,7 +109,8 @@ class VirtualSwarm:
         self.now = 0.0
         self.events: list[Event] = []
         count = len(mission.plan.agents)
-        self._closest_m = np.full((count, count), np.inf)
+        self._closest_m2 = np.full((count, count), np.inf)
+        """Squares, by two places in the plan."""
         self.station_alive = True
         self.account: Account | None = None
         """Who keeps what happens, if it is to be judged."""
@@ -208,14 +211,15 @@ class VirtualSwarm:
             self._watch_distances()
 
     def _watch_distances(self) -> None:
-        world = self.hub.world
-        if not any(world.airborne()):
+        flies = np.array(self.hub.world.airborne())
+        if not flies.any():
             return
-        points, flies = np.asarray(world.positions()), np.array(world.airborne())
-        apart = points[:, None] - points[None]
-        gaps = np.linalg.norm(apart[..., :2], axis=-1)
-        gaps[(np.abs(apart[..., 2]) > OVER_M) & (flies != flies[:, None])] = np.inf
-        np.minimum(self._closest_m, gaps, out=self._closest_m)
+        north, east, down = self.hub.world.positions().T
+        square = np.subtract.outer(north, north) ** 2 + np.subtract.outer(east, east) ** 2
+        if not flies.all():
+            higher = np.abs(np.subtract.outer(down, down)) > OVER_M
+            square[higher & (flies != flies[:, None])] = np.inf
+        np.minimum(self._closest_m2, square, out=self._closest_m2)
 
     def _step(self, member: Member) -> None:
         now = member.clock(self.now)
@@ -270,8 +274,12 @@ class VirtualSwarm:
 
     def fly(self, until_s: float = 600.0) -> None:
         """Tick until every live agent has ended, at most to `until_s`."""
-        while self.now < until_s and any(m.alive and not m.frozen for m in self.members.values()):
-            self.tick()
+        with collected_rarely():
+            while self.now < until_s and self._any_flies():
+                self.tick()
+
+    def _any_flies(self) -> bool:
+        return any(m.alive and not m.frozen for m in self.members.values())
 
     def wait(self, condition: Any, until_s: float = 300.0) -> None:
         """Tick until `condition(self)` holds; AssertionError after `until_s`."""
@@ -344,8 +352,8 @@ class VirtualSwarm:
     def minimum(self) -> dict[tuple[int, int], float]:
         """Smallest true horizontal distance in the air so far [m], by pair of places in the plan;
         empty before a vehicle was in the air."""
-        pairs = zip(*np.triu_indices(len(self._closest_m), 1), strict=True)
-        found = {(int(i), int(j)): float(self._closest_m[i, j]) for i, j in pairs}
+        pairs = itertools.combinations(range(len(self._closest_m2)), 2)
+        found = {(i, j): math.sqrt(self._closest_m2[i, j]) for i, j in pairs}
         return {pair: distance for pair, distance in found.items() if distance < np.inf}
 
     @property

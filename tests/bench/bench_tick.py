@@ -11,7 +11,6 @@ touched before each tick: more than a core's own cache, more than the one that c
 from __future__ import annotations
 
 import argparse
-import gc
 import os
 import statistics
 import time
@@ -26,6 +25,7 @@ from rich.console import Console
 from rich.table import Table
 
 from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.runtime.collector import collect_rarely
 from swarm_ctl.virtual.virtual_swarm import Member, VirtualSwarm
 from tests.bench.bench_run import ROOT
 
@@ -60,8 +60,7 @@ def main() -> None:
 
 def _fly(mission: Path, begins_s: float, ends_s: float, megabytes: float) -> dict[str, float]:
     swarm = VirtualSwarm(load(mission), lockstep=True)
-    gc.freeze()
-    gc.set_threshold(50_000, 20, 100)  # as an agent's process does
+    collect_rarely()  # as an agent's process does
     while swarm.now < begins_s:
         swarm.tick()
     touched = np.ones(int(megabytes * 2**20 / 8))

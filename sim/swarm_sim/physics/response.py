@@ -232,7 +232,8 @@ def _bound(vector: Array, horizontal: float, vertical: Array | float) -> Mask | 
 
     Returns a mask of those that were too long horizontally, or None.
     """
-    if np.vdot(vector, vector) <= min(horizontal, np.min(vertical)) ** 2:
+    least = vertical.min() if isinstance(vertical, np.ndarray) else vertical
+    if np.vdot(vector, vector) <= min(horizontal, least) ** 2:
         return None  # one cheap sum shows that no vector is near its bound: the usual case
     length = np.hypot(vector[..., 0], vector[..., 1])
     long: Mask = length > horizontal

@@ -6,7 +6,6 @@ stalls, nothing is sent: the vehicle's own failsafe stops it (deadman).
 
 from __future__ import annotations
 
-import gc
 import math
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -14,7 +13,7 @@ from contextlib import AbstractContextManager, closing, contextmanager, nullcont
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from pydantic import TypeAdapter
 
@@ -37,6 +36,7 @@ from swarm_ctl.rim import Rim
 from swarm_ctl.runtime.agent.narration import Narration
 from swarm_ctl.runtime.agent.publish import listen, publish
 from swarm_ctl.runtime.clock import unix_s
+from swarm_ctl.runtime.collector import collect_rarely
 from swarm_ctl.runtime.forked import serve_forked
 from swarm_ctl.runtime.lifeline import ALIVE, READY, Lifeline
 from swarm_ctl.runtime.link_keys import folder_signing
@@ -46,10 +46,6 @@ from swarm_ctl.runtime.protection import access, own_identity, valid_for_s
 from swarm_ctl.runtime.refused_links import refused_links
 from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory
 from swarm_ctl.trust.identity import Identity
-
-_GC_THRESHOLD: Final = 50_000
-"""Objects between collections: what is built at the start is frozen, and a tick leaves next to none
-behind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,8 +243,7 @@ def _loop(
     shares, refusals = Rim("the shared link"), Rim("the words on refused messages")
     ticker = place.ticker(config.plan.tick_s, lambda: lifeline.tell(ALIVE))
     status: AgentStatus | None = None
-    gc.freeze()
-    gc.set_threshold(_GC_THRESHOLD, 20, 100)
+    collect_rarely()
     while True:
         now = ticker.wait()
         link.receive(now)
