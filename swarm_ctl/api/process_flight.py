@@ -73,6 +73,8 @@ class ProcessFlight(SwarmFlight):
         runs: Path | None = None,
     ) -> None:
         self.plan = mission.plan
+        self._struck: dict[str, signal.Signals] = {}
+        """Processes that a signal is to come to, after the next tick."""
         self._place: BarrierSeat | None = None
         self._client: RunClient | None = None
         where.mkdir(parents=True, exist_ok=True)
@@ -133,6 +135,7 @@ class ProcessFlight(SwarmFlight):
     def turn(self) -> None:
         self._mesh.newest()
         self._mesh.turn()
+        self._signal_struck()
 
     def reached(self, step: int) -> bool:
         states = self._mesh.newest()
@@ -157,28 +160,39 @@ class ProcessFlight(SwarmFlight):
         return self._mesh.order(order)
 
     def kill_agent(self, agent: int) -> None:
-        self._kill(f"agent-{self.known(agent)}")
+        self._strike(f"agent-{self.known(agent)}", signal.SIGKILL)
 
     def freeze_agent(self, agent: int) -> None:
-        name = f"agent-{self.known(agent)}"
-        os.kill(self._pids[name], signal.SIGSTOP)
-        if self._place is not None:
-            self._place.drop(name)
+        self._strike(f"agent-{self.known(agent)}", signal.SIGSTOP)
 
     def thaw_agent(self, agent: int) -> None:
         name = f"agent-{self.known(agent)}"
+        self._struck.pop(name, None)
         os.kill(self._pids[name], signal.SIGCONT)
         if self._place is not None:
             self._place.take(name)
 
     def kill_station(self) -> None:
-        self._kill(STATION)
+        self._strike(STATION, signal.SIGKILL)
 
-    def _kill(self, name: str) -> None:
-        """Until it is dead, so that the next tick is without it."""
+    def _strike(self, name: str, by: signal.Signals) -> None:
+        """The next tick is without this process. In lockstep the signal comes after that tick: till
+        then its last messages may be on their way out of it, and no tick decides which are."""
+        if self._place is None:
+            self._signal(name, by)
+        else:
+            self._place.drop(name)
+            self._struck[name] = by
+
+    def _signal_struck(self) -> None:
+        while self._struck:
+            self._signal(*self._struck.popitem())
+
+    def _signal(self, name: str, by: signal.Signals) -> None:
+        """Until it is dead, if it is to be."""
         pid, until = self._pids[name], wall_s() + _KILL_WALL_S
-        os.kill(pid, signal.SIGKILL)
-        while _lives(pid) and wall_s() < until:
+        os.kill(pid, by)
+        while by is signal.SIGKILL and _lives(pid) and wall_s() < until:
             pause(_SHORT_WALL_S)
 
     def events(self) -> Sequence[Event]:
@@ -243,6 +257,7 @@ class ProcessFlight(SwarmFlight):
         self._process.wait(_END_WALL_S + within_s / speedup)
 
     def _leave(self) -> None:
+        self._signal_struck()
         if self._client is not None:
             self._client.close()
             self._client = None

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from swarm_ctl.api.flight import FlightResult, SwarmFlight
-from swarm_ctl.api.process_flight import ProcessFlight
+from swarm_ctl.api.process_flight import ProcessFlight, _lives
 from swarm_ctl.mission.compile.loader import loads
 from swarm_ctl.testing.account import account
 from swarm_ctl.testing.plugin import Fly
@@ -35,6 +35,11 @@ def flown_by_a_user(flight: SwarmFlight) -> None:
     assert "outside the geofence" in refused.reasons[1]
     flight.wait_s(5)
     flight.kill_agent(3)
+    if isinstance(flight, ProcessFlight) and flight._place is not None:
+        # what it said last is heard first, or the machine would decide how much of it is
+        assert _lives(flight._pids["agent-3"])
+        flight.turn()
+        assert not _lives(flight._pids["agent-3"])
 
 
 def assert_all_but_3_failed(run: FlightResult) -> None:
