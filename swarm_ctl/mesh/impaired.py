@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import heapq
 import random
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from swarm_ctl.mesh.keys import Qos
+from swarm_ctl.core.model.messages import Refusal
+from swarm_ctl.mesh.keys import Qos, owner_of
 from swarm_ctl.mesh.transport import Carried, Inlet, Message, Transport
 
 
@@ -29,7 +30,8 @@ class Impairment:
 
 
 class ImpairedTransport(Transport):
-    """Wraps `inner`. `publishers` are all names that may publish (agent ids, stations).
+    """Wraps `inner`. `publishers` are all names that may publish: agent ids, and `station` for all
+    stations.
 
     Messages of the publishers in `silent` are lost, also those under way, until the test removes
     the name: a partition, seen from one side.
@@ -55,14 +57,16 @@ class ImpairedTransport(Transport):
         self._inner.publish(key, data, qos)
 
     def subscribe(self, key_expression: str, *, timed: bool = False) -> Inlet:
-        links = []
-        one = key_expression.split("/")[-2]
+        links = {}
+        one = owner_of(key_expression)[1]
         for name in self._publishers if one == "*" else [one]:
             self._inlets += 1
             dice = random.Random(self._seed * 1_000_003 + self._inlets)  # noqa: S311 - no secret
-            inlet = self._inner.subscribe(key_expression.replace("*", name), timed=timed)
-            links.append(_ImpairedLink(inlet, self, name, dice))
-        return ImpairedInlet(links, self._now)
+            links[name] = _ImpairedLink(self, name, dice)
+        return ImpairedInlet(self._inner.subscribe(key_expression, timed=timed), links, self._now)
+
+    def refused(self, now: float) -> tuple[Refusal, ...]:
+        return self._inner.refused(now)
 
     def close(self) -> None:
         self._inner.close()
@@ -71,17 +75,13 @@ class ImpairedTransport(Transport):
 class _ImpairedLink:
     """The messages of one publisher that are under way."""
 
-    def __init__(
-        self, inlet: Inlet, owner: ImpairedTransport, name: str, dice: random.Random
-    ) -> None:
-        self._inlet, self._owner, self._name, self._dice = inlet, owner, name, dice
+    def __init__(self, owner: ImpairedTransport, name: str, dice: random.Random) -> None:
+        self._owner, self._name, self._dice = owner, name, dice
         self._waiting: list[tuple[float, int, str, Carried]] = []
         self._count = 0
 
     def due(self, now: float) -> list[Message]:
         """The messages that have arrived by `now`."""
-        for message in self._inlet.drain():
-            self._send(*message)
         if self._name in self._owner.silent:
             self._waiting.clear()
         arrived: list[Message] = []
@@ -90,11 +90,8 @@ class _ImpairedLink:
             arrived.append((at, key, data))
         return arrived
 
-    def end(self) -> None:
-        """Unsubscribe."""
-        self._inlet.end()
-
-    def _send(self, sent_s: float, key: str, data: Carried) -> None:
+    def send(self, sent_s: float, key: str, data: Carried) -> None:
+        """A message comes to this link."""
         how, dice = self._owner.impairment, self._dice
         if dice.random() < how.loss:
             return
@@ -105,16 +102,23 @@ class _ImpairedLink:
 
 
 class ImpairedInlet(Inlet):
-    """The messages of all links in the order of arrival."""
+    """The messages of all links in the order of arrival. A station that is not among the publishers
+    by its own name speaks on the link of `station`."""
 
-    def __init__(self, links: list[_ImpairedLink], now: Callable[[], float]) -> None:
-        self._links, self._now = links, now
+    def __init__(
+        self, inlet: Inlet, links: Mapping[str, _ImpairedLink], now: Callable[[], float]
+    ) -> None:
+        self._inlet, self._links, self._now = inlet, links, now
 
     def drain(self) -> list[Message]:
+        for message in self._inlet.drain():
+            kind, name = owner_of(message[1])
+            link = self._links.get(name) or self._links.get(kind)
+            if link is not None:
+                link.send(*message)
         now = self._now()
-        arrived = [message for link in self._links for message in link.due(now)]
+        arrived = [message for link in self._links.values() for message in link.due(now)]
         return sorted(arrived, key=lambda message: message[0])
 
     def end(self) -> None:
-        for link in self._links:
-            link.end()
+        self._inlet.end()

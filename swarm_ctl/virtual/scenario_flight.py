@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import heapq
 import itertools
-import math
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from swarm_ctl.commands.build import AgentNow, SwarmNow, build
-from swarm_ctl.commands.parse import parse
-from swarm_ctl.commands.send import CommandSender, SentCommand
+from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.agent.progress import step_name
-from swarm_ctl.core.model.messages import AgentState, AgentStatus, Event, Phase
+from swarm_ctl.core.model.messages import AgentStatus, Event, Phase
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S, NEIGHBOUR_S
+from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S
 from swarm_ctl.errors import InputError
-from swarm_ctl.mesh import keys
-from swarm_ctl.mesh.impaired import ImpairedTransport, Impairment
+from swarm_ctl.mesh.impaired import ImpairedTransport
 from swarm_ctl.mesh.memory_transport import MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.transport import Transport
@@ -28,12 +24,14 @@ from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.report.folder.truth import Truth
 from swarm_ctl.report.judge.summary import Summary
 from swarm_ctl.runtime.collector import collected_rarely
+from swarm_ctl.runtime.script import HELD_S, Holding, holds
+from swarm_ctl.runtime.station.ground_station import Station
+from swarm_ctl.runtime.station.scripted_operator import give_line
 from swarm_ctl.virtual.account import Account
+from swarm_ctl.virtual.as_processes import cut, dice_of, impairment_of, own_clocks, untruth_of
 from swarm_ctl.virtual.scenario import STATION, Happening, Says, Scenario
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm, configuration
 
-_HELD_S: Final = 20.0
-"""A shorter hold may end by itself."""
 _DRAIN_S: Final = 90.0
 """The simulator of a run goes on for so long without agents."""
 
@@ -46,7 +44,7 @@ def longest_s(plan: Plan, scenario: Scenario | None = None) -> float:
     if scenario is None:
         return waits
     policies = plan.policies
-    waits += scenario.ends_s + _HELD_S
+    waits += scenario.ends_s + HELD_S
     return waits + policies.override_pause_s + policies.hold_before_land_s
 
 
@@ -120,17 +118,8 @@ class ScenarioFlight:
         self._parts: Counter[tuple[int | str, int | str]] = Counter()
         """How often (hearer, speaker) is cut."""
         self._transports: dict[int, ImpairedTransport] = {}
-        quality = scenario.mesh
-        self._impaired = bool(quality.model_dump(exclude_defaults=True)) or any(
-            each.part for each in scenario.happens
-        )
-        self._clocks = {i: (c.ahead_s, c.drift) for c in scenario.clocks for i in c.agents}
-        self._clocks |= {
-            i: self._clocks.get(i, (0.0, 0.0))
-            for each in scenario.happens
-            if each.clock is not None
-            for i in each.clock.agents
-        }
+        self._impairment = impairment_of(scenario)
+        self._clocks = own_clocks(scenario)
         self.account = Account(mission, configuration(mission, scenario.seed), folder)
         self.swarm = VirtualSwarm(
             mission,
@@ -142,11 +131,10 @@ class ScenarioFlight:
         self.swarm.account = self.account
         self._truth = self.account.watch(self.swarm.hub.world, self.swarm.mesh)
         self.swarm.hub.recorder = self._truth
-        self._sender = CommandSender(self.swarm.send, self._ids)
-        self._heard_acks = 0
-        self._listener = Node(MemoryTransport(self.swarm.mesh), "test", "listener")
-        self._listener.listen(keys.STATE, agents=self._ids)
-        self._states: dict[int, tuple[AgentState, float]] = {}
+        self.swarm.station_alive = False  # there is another one
+        self._stations = 1
+        self._station: Station | None = self._operated(1)
+        self._holding = Holding(scenario.ends_s)
         self._killed: set[str] = set()
         self.orders: list[GivenOrder] = []
         self.met: list[Met] = []
@@ -155,7 +143,6 @@ class ScenarioFlight:
         self._due: list[tuple[float, int, _Due]] = []
         for happening in scenario.happens:
             self._plan(happening)
-        self._held_since_s = math.inf
 
     # --- the timetable ---
 
@@ -180,9 +167,9 @@ class ScenarioFlight:
         elif happening.station:
             yield at_s, self._station_gone
             if end_s is not None:
-                yield end_s, lambda: setattr(self.swarm, "station_alive", True)
+                yield end_s, self._station_comes
         elif happening.part is not None:
-            pairs = list(_cut(happening.part.one, happening.part.other, happening.part.one_way))
+            pairs = list(cut(happening.part))
             yield at_s, lambda: self._part(pairs, 1)
             if end_s is not None:
                 yield end_s, lambda: self._part(pairs, -1)
@@ -197,41 +184,21 @@ class ScenarioFlight:
             yield at_s, lambda: None
 
     def _order(self, line: str) -> None:
-        order = parse(line, self.plan)
-        swarm = self._now()
-        if not self.swarm.station_alive:
-            self.orders.append(GivenOrder(self.swarm.now, line, None, "there is no station"))
+        now = self.swarm.now
+        if self._station is None:
+            self.orders.append(GivenOrder(now, line, None, "there is no station"))
             return
         try:
-            command = build(order, swarm, self.mission)
+            sent = give_line(self._station, line, len(self.orders) + 1)
         except InputError as error:
-            self.orders.append(GivenOrder(self.swarm.now, line, None, str(error)))
+            self.orders.append(GivenOrder(now, line, None, str(error)))
             return
-        command = replace(command, id=f"order-{len(self.orders) + 1}")
-        sent = self._sender.send(command, self.swarm.now, swarm.meant(order))
-        self.orders.append(GivenOrder(self.swarm.now, line, sent))
+        self.orders.append(GivenOrder(now, line, sent))
 
-    def _now(self) -> SwarmNow:
-        """The swarm as the station knows it."""
-        now, step, agents = self.swarm.now, 0, []
-        for agent, member in self.swarm.members.items():
-            status, heard = member.status, self._states.get(agent)
-            state = heard[0] if heard else None
-            old = heard is None or now - heard[1] > NEIGHBOUR_S
-            agents.append(
-                AgentNow(
-                    agent,
-                    state.stop_point_m if state else None,
-                    lost=old,
-                    flies=member.alive and not old,
-                    gains=status.gains if status else None,
-                    left=state is not None and state.left is not None,
-                    down=not member.alive,
-                )
-            )
-            if member.alive and state is not None:
-                step = max(step, state.step)
-        return SwarmNow(self.plan, now, step, tuple(agents))
+    def _operated(self, number: int) -> Station:
+        """The station that the operator sits at, as in a run."""
+        node = Node(MemoryTransport(self.swarm.mesh), "test", f"{STATION}-{number}")
+        return Station(self.plan, self.mission, node, _SwarmClock(self.swarm))
 
     def _kill(self, agents: tuple[int, ...]) -> None:
         for agent in agents:
@@ -251,8 +218,12 @@ class ScenarioFlight:
             self.swarm.members[agent].frozen = stops
 
     def _station_gone(self) -> None:
-        self.swarm.station_alive = False
+        self._station = None
         self._killed.add(STATION)
+
+    def _station_comes(self) -> None:
+        self._stations += 1
+        self._station = self._operated(self._stations)
 
     def _part(self, pairs: list[tuple[int | str, int | str]], by: int) -> None:
         for pair in pairs:
@@ -272,7 +243,7 @@ class ScenarioFlight:
 
     def _say(self, says: Says, on: bool) -> None:
         for agent in says.agents:
-            self.swarm.members[agent].tampered = _tells(says) if on else None
+            self.swarm.members[agent].tampered = untruth_of(says).of if on else None
 
     def _clock(self, agent: int) -> Callable[[float], float]:
         def own(now: float) -> float:
@@ -282,16 +253,14 @@ class ScenarioFlight:
         return own
 
     def _wrap(self, transport: Transport, agent: int) -> Transport:
-        if not self._impaired:
+        if self._impairment is None:
             return transport
-        quality = self.scenario.mesh
-        how = Impairment(quality.loss, quality.delay_s, quality.jitter_s, quality.duplicate)
         wrapped = ImpairedTransport(
             transport,
             [*self._ids, STATION],
-            how,
+            self._impairment,
             lambda: self.swarm.now if hasattr(self, "swarm") else 0.0,
-            self.scenario.seed * 1009 + agent,
+            dice_of(self.scenario, agent),
         )
         self._transports[agent] = wrapped
         self._silence()
@@ -308,32 +277,10 @@ class ScenarioFlight:
                 self.met.append(self._meet(due.met))
             due.do()
         swarm.tick()
-        for state, _ in self._listener.take(keys.STATE):
-            self._states[state.agent] = (state, swarm.now)
-        for ack in swarm.acks[self._heard_acks :]:
-            self._sender.hear(ack)
-            self.account.sent(ack, swarm.now)
-        self._heard_acks = len(swarm.acks)
-        if swarm.station_alive:
-            self._sender.turn(swarm.now)
-        self._land_the_held()
-
-    def _land_the_held(self) -> None:
-        """The operator, in the end: a swarm that holds would hold until its batteries are low."""
-        now = self.swarm.now
-        if not self._held():
-            self._held_since_s = math.inf
-            return
-        self._held_since_s = min(self._held_since_s, now)
-        if now >= max(self.scenario.ends_s, self._held_since_s + _HELD_S):
-            self._held_since_s = now
-            self._order("land")
-
-    def _held(self) -> bool:
-        """An order of the operator's keeps some agent from going on."""
-        live = (i for i, m in self.swarm.members.items() if m.alive and not m.frozen)
-        heard = (self._states[i][0] for i in live if i in self._states)
-        return any(state.override or state.phase is Phase.HOLD for state in heard)
+        if self._station is not None:
+            self._station.turn()
+            if self._holding.lands(holds(self._station.states()), swarm.now):
+                self._order("land")
 
     def _meet(self, happening: Happening) -> Met:
         live = [m.status for m in self.swarm.members.values() if m.alive and m.status is not None]
@@ -390,27 +337,13 @@ def fly_scenario(
     return ScenarioFlight(scenario, mission, folder).fly()
 
 
-def _cut(
-    one: tuple[int | str, ...], other: tuple[int | str, ...], one_way: bool
-) -> Iterator[tuple[int | str, int | str]]:
-    """(hearer, speaker) of all that do not hear."""
-    for a, b in itertools.product(one, other):
-        yield a, b
-        if not one_way:
-            yield b, a
+@dataclass(slots=True)
+class _SwarmClock:
+    """As a station reads the swarm's time."""
 
+    swarm: VirtualSwarm
+    speedup: float = 1.0
 
-def _tells(says: Says) -> Callable[[AgentState], AgentState]:
-    north, east = says.moved_m
-
-    def told(state: AgentState) -> AgentState:
-        (n, e, d), (stop_n, stop_e) = state.position_ned_m, state.stop_point_m
-        moved = replace(
-            state,
-            position_ned_m=(n + north, e + east, d),
-            stop_point_m=(stop_n + north, stop_e + east),
-        )
-        wrong: Any = says.set
-        return replace(moved, **wrong)
-
-    return told
+    def now(self) -> float:
+        """Mission time [s]."""
+        return self.swarm.now

@@ -7,7 +7,7 @@ import os
 import stat
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -22,7 +22,6 @@ from swarm_ctl.cli.shared.options import (
     Metrics,
     MissionFile,
     OpenMesh,
-    Seed,
     VehicleKinds,
     ZenohConfig,
     option,
@@ -36,8 +35,10 @@ from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.errors import InputError
 
 if TYPE_CHECKING:
+    from swarm_ctl.mission.compile.loader import LoadedMission
     from swarm_ctl.report.judge.summary import Summary
     from swarm_ctl.runtime.interrupts import Interrupts
+    from swarm_ctl.runtime.script import RunScript
 
 _ARDUCOPTER: Final = (
     "The ArduCopter SITL binary, or container:IMAGE for one in a container of podman or docker."
@@ -61,6 +62,7 @@ _LOCKSTEP: Final = (
     "Mission time waits for every process: a busy machine makes a slow run, and no other one. The"
     " same seed gives the same flight."
 )
+_SEED: Final = "Seed of all random numbers.  [default: 1; of a scenario: its own]"
 _PATIENCE: Final = "In lockstep, go on without a process that has been stopped for so long."
 _WITH: Final = "In lockstep, do not start before this member has joined, too."
 _LIFELINE: Final = (
@@ -90,7 +92,7 @@ def run(
     zenoh_config: ZenohConfig = None,
     runs: Annotated[Path, option("FOLDER", "Where the run's folder is made.")] = Path("runs"),
     gcs: Annotated[list[str] | None, option("[HOST:]PORT", _GCS)] = None,
-    seed: Seed = 1,
+    seed: Annotated[int | None, option("NUMBER", _SEED, min=0)] = None,
     lockstep: Annotated[bool, switch("--lockstep", _LOCKSTEP)] = False,
     patience: Annotated[
         float, option("SECONDS", _PATIENCE, "--lockstep-patience", min=1.0, max=3600.0)
@@ -102,10 +104,11 @@ def run(
     junit: Annotated[Path | None, option("FILE", _JUNIT)] = None,
     tlog: Annotated[bool, typer.Option(help="Record each vehicle's MAVLink frames.")] = True,
 ) -> None:
-    """Fly a mission on this machine.
+    """Fly a mission, or a scenario, on this machine.
 
     Starts the agents, a ground station, and the vehicles that have no endpoint: simulated ones, or
     with --vehicles the autopilots themselves (SITL), each at its agent's start.
+    A scenario, a file that names a mission and all that befalls it, flies in lockstep.
     Ctrl-C lands the swarm and waits for it, and so do SIGTERM and a closed terminal; a second
     Ctrl-C stops all processes at once.
 
@@ -121,6 +124,7 @@ def run(
         swarm-ctl run missions/hexagon.yaml --json | jq .error_m
         swarm-ctl run missions/hexagon.yaml --vehicles arducopter,px4
         swarm-ctl run missions/hexagon.yaml --foxglove 8765
+        swarm-ctl run scenario.yaml --headless
     """
     from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
     from swarm_ctl.mission.compile.loader import load
@@ -129,17 +133,25 @@ def run(
     from swarm_ctl.runtime.launch.supervisor import fly
     from swarm_ctl.runtime.protection import Keys
     from swarm_ctl.runtime.station.screens import Show, shown
+    from swarm_ctl.virtual.scenario_file import is_scenario
 
     factor = _factor(speedup)
-    stepped = None
-    if lockstep or speedup == "max":
+    stepped, scripted = None, is_scenario(mission)
+    if lockstep or scripted or speedup == "max":
         refuse_without(lacks_for_lockstep(), "lockstep", "run without --lockstep or --speedup max")
         stepped = Lockstep(factor, patience, tuple(lockstep_with or ()))
     show = shown(headless=headless, json=json)
     console = PlainConsole(stderr=json)
     if show is Show.DASHBOARD and not console.is_terminal:
         show = Show.LOG
-    loaded = load(mission, fleet=fleet, vehicles=vehicles)
+    script = None
+    if scripted:
+        _refuse_beside_a_scenario(
+            mission, {"--seed": seed, "--fleet": fleet, "--vehicles": vehicles}
+        )
+        loaded, script, seed = _scenario(mission)
+    else:
+        loaded = load(mission, fleet=fleet, vehicles=vehicles)
     console.warn(loaded.warnings)
     guarded = open_mesh or loaded.fleet.trust is not None
     own = zenoh_settings(zenoh_config, guarded=guarded)
@@ -151,10 +163,10 @@ def run(
 
     binaries = {VehicleKind.ARDUCOPTER: arducopter, VehicleKind.PX4: px4}
     options = RunOptions(
-        factor or 1.0,
+        1.0 if script is not None else factor or 1.0,  # what it says is in mission time
         show,
         runs,
-        seed,
+        1 if seed is None else seed,
         _rates(record_hz),
         tlog,
         served(metrics, foxglove),
@@ -163,6 +175,7 @@ def run(
         px4_log,
         stepped,
         Keys(identity, open_mesh, str(fleet or file_of(mission) or mission), own),
+        script,
         lifeline,
     )
     if lifeline is not None and not stat.S_ISFIFO(os.fstat(lifeline).st_mode):
@@ -178,6 +191,27 @@ def run(
 
     result = fly(loaded, options, say, show_result)
     raise typer.Exit(exit_code(result.summary, result.interrupts))
+
+
+def _refuse_beside_a_scenario(path: Path, options: dict[str, Any]) -> None:
+    for name, given in options.items():
+        if given is not None:
+            raise InputError(
+                f"{name} {given}: {path} is a scenario, which says that itself; allowed: its seed,"
+                " and the fleet of its mission"
+            )
+
+
+def _scenario(path: Path) -> tuple[LoadedMission, RunScript, int]:
+    """The mission, what befalls it, and the seed."""
+    from swarm_ctl.virtual.as_processes import run_script
+    from swarm_ctl.virtual.scenario import load_scenario
+
+    scenario, loaded = load_scenario(path)
+    try:
+        return loaded, run_script(scenario, loaded.plan), scenario.seed
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def _factor(speedup: str | None) -> float | None:

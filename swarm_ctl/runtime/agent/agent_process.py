@@ -19,7 +19,7 @@ from pydantic import TypeAdapter
 
 from swarm_ctl.core.agent.agent import Agent, Ended, Inbox
 from swarm_ctl.core.model.fleet import RadioShare, Signing
-from swarm_ctl.core.model.messages import AgentStatus, Event, Outcome, Refusal, Severity
+from swarm_ctl.core.model.messages import AgentStatus, Event, Glimpse, Outcome, Refusal, Severity
 from swarm_ctl.core.model.plan import Plan, Response
 from swarm_ctl.files import replacing
 from swarm_ctl.mavlink.autopilots.timing import streams_hz
@@ -40,10 +40,11 @@ from swarm_ctl.runtime.collector import collect_rarely
 from swarm_ctl.runtime.forked import serve_forked
 from swarm_ctl.runtime.lifeline import ALIVE, READY, Lifeline
 from swarm_ctl.runtime.link_keys import folder_signing
-from swarm_ctl.runtime.lockstep.seat import Seat, seat
+from swarm_ctl.runtime.lockstep.seat import Seat, die, seat
 from swarm_ctl.runtime.lockstep.words import Phase
 from swarm_ctl.runtime.protection import access, own_identity, valid_for_s
 from swarm_ctl.runtime.refused_links import refused_links
+from swarm_ctl.runtime.script import NO_SCRIPT, AgentScript, ScriptedAgent
 from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory
 from swarm_ctl.trust.identity import Identity
 
@@ -99,6 +100,8 @@ class AgentConfig:
     """The agents that the launcher starts on the same host with the same `epoch_s`."""
     zenoh: Mapping[str, Any] = field(default_factory=dict)
     """A user's own zenoh settings."""
+    script: AgentScript = NO_SCRIPT
+    """What a scenario does to it; in lockstep alone."""
     started_us: int = 0
     """Mission time 0 of the tlog, in microseconds of Unix time."""
 
@@ -114,18 +117,20 @@ def run_agent(
     """Fly one agent to its end; the exit code: 0 when it completed or landed on command, 1 when it
     failed. `show` gets what it waits for and what happens, line by line."""
     identity = own_identity(config.identity, config.agent_id)
+    place = seat(config.lockstep, Phase.SWARM, config.epoch_s, config.speedup)
+    script = ScriptedAgent(config.script, place.clock.now)
     with (
-        closing(seat(config.lockstep, Phase.SWARM, config.epoch_s, config.speedup)) as place,
+        closing(place),
         _tlog(config) as keep,
         _signing(config) as signing,
         closing(_link(config, keep, place, signing)) as link,
         refused_links(identity) as links_refused,
-        closing(_join_mesh(config, place, identity)) as node,
+        closing(_join_mesh(config, place, identity, script)) as node,
     ):
         place.join(f"agent-{config.agent_id}", config.swarm, config.agent_id)
         lifeline.tell(READY)
         ended, status = _loop(
-            config, place, link, node, lifeline, identity, links_refused, Narration(show)
+            config, place, link, node, lifeline, identity, links_refused, Narration(show), script
         )
         place.end(last=True)
         lifeline.tell(f"{ended.outcome}: {ended.reason}" if ended.reason else ended.outcome)
@@ -178,7 +183,9 @@ def _link(
     )
 
 
-def _join_mesh(config: AgentConfig, place: Seat, identity: Identity | None) -> Node:
+def _join_mesh(
+    config: AgentConfig, place: Seat, identity: Identity | None, script: ScriptedAgent
+) -> Node:
     now = place.clock.now
     transport = ZenohTransport(
         [config.listen] if config.listen else [],
@@ -192,7 +199,7 @@ def _join_mesh(config: AgentConfig, place: Seat, identity: Identity | None) -> N
         # what does not listen is a router's client
         part=part_in(config.plan, () if config.listen else config.connect),
     )
-    node = Node(place.mesh(transport), config.swarm, config.agent_id)
+    node = Node(script.wrap(place.mesh(transport)), config.swarm, config.agent_id)
     listen(node, config.plan)
     return node
 
@@ -225,14 +232,16 @@ def _loop(
     identity: Identity | None,
     links_refused: Callable[[float], tuple[Refusal, ...]],
     narration: Narration,
+    script: ScriptedAgent,
 ) -> tuple[Ended, AgentStatus | None]:
+    own = script.own_time
     agent = Agent(
         config.plan,
         config.agent_id,
-        place.clock.now(),
+        own(place.clock.now()),
         expect_station=config.expect_station,
         vehicle=config.vehicle,
-        keys_end_s=place.clock.now() + valid_for_s(identity),
+        keys_end_s=own(place.clock.now()) + valid_for_s(identity),
         # in lockstep mission time has no pace: no command is old
         speedup=math.inf if config.lockstep else config.speedup,
         same_clock=config.same_clock,
@@ -244,15 +253,26 @@ def _loop(
     ticker = place.ticker(config.plan.tick_s, lambda: lifeline.tell(ALIVE))
     status: AgentStatus | None = None
     collect_rarely()
+
+    def likely(word: Glimpse, at: float) -> bool:
+        return agent.likely(word, own(at))
+
+    swarm_s = 0.0
     while True:
-        now = ticker.wait()
+        script.turn(swarm_s)  # what is due at the end of the tick before
+        if script.killed:
+            die(place)
+        swarm_s = ticker.wait()
+        if script.stopped:
+            continue
+        now = own(swarm_s)
         link.receive(now)
         inbox = Inbox(
             view=link.view(),
-            states=node.take(keys.STATE, agent.likely),
-            far=node.take(keys.FAR, agent.likely),
-            clocks=node.take(keys.CLOCK, agent.likely),
-            beacons=node.take(keys.BEACON),
+            states=[(state, own(at)) for state, at in node.take(keys.STATE, likely)],
+            far=[(state, own(at)) for state, at in node.take(keys.FAR, likely)],
+            clocks=[(news, own(at)) for news, at in node.take(keys.CLOCK, likely)],
+            beacons=[(beacon, own(at)) for beacon, at in node.take(keys.BEACON)],
             commands=[command for command, _ in node.take(keys.COMMAND)],
             told_to_end=lifeline.cut(),
             tick=ticker.report,
@@ -263,6 +283,7 @@ def _loop(
         )
         actions = agent.step(now, inbox)
         link.pursue(actions.goal, now)
+        actions.state = script.told(actions.state)
         publish(node, actions, shown)
         if actions.follow is not None:
             node.follow(keys.STATE, actions.follow)

@@ -37,8 +37,10 @@ from swarm_ctl.runtime.protection import (
 )
 from swarm_ctl.runtime.radio.link_process import LinkConfig
 from swarm_ctl.runtime.router.router_process import RouterConfig
+from swarm_ctl.runtime.script import NO_SCRIPT, AgentScript, RunScript
 from swarm_ctl.runtime.served import NO_PORTS, Ports
 from swarm_ctl.runtime.station.screens import Show
+from swarm_ctl.runtime.station.scripted_operator import SCRIPT, SCRIPT_JSON
 from swarm_ctl.runtime.vehicle_memory import state_folder
 from swarm_ctl.runtime.vehicles.binaries import find
 from swarm_ctl.runtime.vehicles.homes import start_of
@@ -70,6 +72,8 @@ class RunOptions:
     """None: in real time times `speedup`."""
     keys: Keys = NO_KEYS
     """Of the command line."""
+    script: RunScript | None = None
+    """What a scenario does to the processes; in lockstep alone."""
     lifeline: int | None = None
     """A pipe from the program that started this; its end lands the swarm."""
 
@@ -193,6 +197,7 @@ class RunSetup:
     def _agent_config(self, agent: FleetAgent, connect: tuple[str, ...]) -> AgentConfig:
         manifest, agents = self.manifest, self.folder / "agents"
         ordered = {order.agent for order in self._orders}
+        scripts = self._scripts
         return AgentConfig(
             plan=manifest.plan,
             agent_id=agent.id,
@@ -219,10 +224,29 @@ class RunSetup:
             identity=agent_identity_folder(manifest.trust, agent.id),
             # An autopilot that the run itself starts has no key, and ends with it.
             signing=manifest.signing if agent.id not in ordered else Signing.OFF,
-            same_clock=tuple(other.id for other in manifest.fleet),
+            same_clock=self._same_clock(agent.id),
+            script=scripts.get(agent.id, NO_SCRIPT),
             zenoh=manifest.zenoh,
             started_us=round(manifest.started_at.timestamp() * 1e6),
         )
+
+    @property
+    def _scripts(self) -> dict[int, AgentScript]:
+        return {} if self.options.script is None else self.options.script.agents
+
+    def _same_clock(self, agent: int) -> tuple[int, ...]:
+        """The agents whose clock is its own."""
+        others = {i for i, script in self._scripts.items() if script.clock is not None}
+        return tuple(
+            a.id for a in self.manifest.fleet if agent not in others and a.id not in others
+        )
+
+    def write_script(self) -> None:
+        """The scenario, and what the station does in it."""
+        script = self.options.script
+        if script is not None:
+            (self.folder / "scenario.yaml").write_text(script.text, encoding="utf-8")
+            (self.folder / SCRIPT).write_bytes(SCRIPT_JSON.dump_json(script.station, indent=1))
 
     def write_simulator_config(self) -> Path | None:
         """The simulator's configuration file; None where no vehicle is simulated."""

@@ -192,6 +192,7 @@ class RunProcesses:
         setup, folder = self._setup, self._setup.folder
         self._start_vehicles()
         configs, sim_config = setup.agent_configs(), setup.write_simulator_config()
+        setup.write_script()
         for line in setup.table():
             self._print(line)
         simulators = "1 simulator, " if sim_config else ""

@@ -3,6 +3,8 @@ makes clock, ticker, wire and mesh of its process; what uses them does not know 
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
@@ -39,6 +41,8 @@ others, and what they use up is what the last ones need to speak."""
 _CROWD: Final = 16
 """Of more members each looks less often, whatever it waits for: 250 that look every 0.2 ms leave
 the router no processor to bring what they look for."""
+_HEARD_TICKS: Final = 2
+"""From a tick to the grant that tells that all others have heard it."""
 _WAIT_WALL_S: Final = 1.0
 SLOW: Final = 0.1
 """A busy machine must not cut the mesh's links; a process that ends closes its own."""
@@ -318,6 +322,17 @@ def _late_wall_s(member: Member) -> float:
 def _pause(member: Member, lacking: int = 0) -> None:
     """Until the next look at what has come."""
     wall.pause(_LOOK_WALL_S * max(lacking / _FEW, _crowd(member) ** 2))
+
+
+def die(place: Seat) -> None:
+    """Kill this process in its turn: this tick is its last one that others hear of. It lives on
+    until they have, as its messages may still be on their way out of it."""
+    for _ in range(_HEARD_TICKS):
+        place.end()
+        while not place.begin(_WAIT_WALL_S):
+            pass
+    place.end(last=True)
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 SIMULATOR: Final = "simulator"

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from swarm_ctl.commands.build import AgentNow, SwarmNow, build
 from swarm_ctl.commands.parse import Order
@@ -31,6 +31,7 @@ from swarm_ctl.mesh.access import station_name
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_config import Part
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
+from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.rim import Rim
 from swarm_ctl.runtime.clock import Clock
@@ -60,6 +61,15 @@ _GIVEN_UP: Final = 10
 _BEACON_S: Final = 0.25
 """Twenty before an agent gives it up (5 s): with half of all messages lost one flight in 1,000;
 with ten, one in 5."""
+
+
+class AnyClock(Protocol):
+    """Mission time, wherever it comes from."""
+
+    speedup: float
+
+    def now(self) -> float:
+        """Mission time [s]."""
 
 
 def open_node(
@@ -105,9 +115,9 @@ class Station:
     def __init__(
         self,
         plan: Plan,
-        mission: Path,
+        mission: LoadedMission | Path,
         node: Node,
-        clock: Clock | MeshClock,
+        clock: Clock | MeshClock | AnyClock,
         recorder: RunRecorder | LiveRecorder | None = None,
         memory: SwarmMemory | None = None,
         protection: Protection = LOCAL,
@@ -164,15 +174,23 @@ class Station:
                 self._commands.append(payload.id)
             self._views.run(self._model.recall, payload)
 
-    def order(self, order: Order) -> SentCommand:
-        """Send the command for an operator's order; InputError where there can't be one."""
+    def states(self) -> tuple[AgentState, ...]:
+        """The newest ones, of the plan's agents that are heard."""
+        return self._views.run(self._model.states, self._clock.now()) or ()
+
+    def order(self, order: Order, name: str = "") -> SentCommand:
+        """Send the command for an operator's order, under this name if one is given; InputError
+        where there can't be one."""
         if not self._protection.commands:
             raise InputError(f"{self._protection.who} may only watch; allowed: an operator's keys")
         now = self._clock.now()
         swarm = self._views.run(lambda: swarm_now(self._model.view(now)))
         if swarm is None:
             swarm = self._unseen(order, now)
-        return self._sender.send(build(order, swarm, self._mission), now, swarm.meant(order))
+        command = build(order, swarm, self._mission)
+        if name:
+            command = replace(command, id=name)
+        return self._sender.send(command, now, swarm.meant(order))
 
     def _unseen(self, order: Order, now: float) -> SwarmNow:
         """The swarm when there is no picture of it: a landing or a hold needs none."""

@@ -26,13 +26,14 @@ from swarm_ctl.report.folder.manifest import read_manifest
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import write_summary
 from swarm_ctl.runtime.foxglove.recorders import foxglove_on, run_mcap
-from swarm_ctl.runtime.lockstep.seat import STATION, seat
+from swarm_ctl.runtime.lockstep.seat import STATION, Seat, die, seat
 from swarm_ctl.runtime.lockstep.words import Phase
 from swarm_ctl.runtime.protection import operator_identity
 from swarm_ctl.runtime.served import NO_PORTS, Ports
 from swarm_ctl.runtime.station.control_pipe import ControlPipe
 from swarm_ctl.runtime.station.ground_station import Station, open_node
-from swarm_ctl.runtime.station.screens import Show, present
+from swarm_ctl.runtime.station.screens import Screen, Show, present
+from swarm_ctl.runtime.station.scripted_operator import ScriptedOperator, script_of
 from swarm_ctl.runtime.station.station_loop import RunControl, loop, metrics_on
 from swarm_ctl.runtime.vehicle_memory import SwarmMemory, VehicleMemory, state_folder
 from swarm_ctl.station.picture.protection import protection
@@ -83,10 +84,27 @@ def run_station(
             show,
             manifest.plan,
             lambda: None if pipe.closed else os.kill(os.getppid(), signal.SIGINT),
-            lambda screen: loop(station, screen, control, measure, place.begin, place.end),
+            lambda screen: loop(
+                station, screen, control, measure, place.begin, _end(folder, place, station, screen)
+            ),
         )
     if pipe.closed:
         write_summary(folder, summarise(folder, None))
+
+
+def _end(folder: Path, place: Seat, station: Station, screen: Screen) -> Callable[[], None]:
+    """What ends a tick; before that, in a scenario, its operator has his turn."""
+    script = script_of(folder)
+    if script is None:
+        return place.end
+    operator = ScriptedOperator(script, station, screen.note)
+
+    def end() -> None:
+        if operator.turn(place.clock.now()):
+            die(place)
+        place.end()
+
+    return end
 
 
 def main() -> int:

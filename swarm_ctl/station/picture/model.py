@@ -28,6 +28,7 @@ from swarm_ctl.core.model.messages import (
     StationBeacon,
 )
 from swarm_ctl.core.model.plan import FormStep, Plan, Point
+from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
 from swarm_ctl.core.swarm.in_plan import InPlan
 from swarm_ctl.core.swarm.plausibility import SUSPECT_S
 from swarm_ctl.station.picture.graph_in_force import edges_in_force
@@ -156,6 +157,16 @@ class Model:
         self._commands: dict[str, _Answered] = {}
         self._stations: dict[str, float] = {}
         self._history = HistoryKeeper(self._heard)
+
+    def states(self, now_s: float) -> tuple[AgentState, ...]:
+        """The newest ones, of the plan's agents that are heard at `now_s`."""
+        return tuple(
+            heard.state
+            for agent, heard in self._heard.items()
+            if agent in self._planned
+            and heard.state is not None
+            and (heard.silence(now_s) or 0.0) <= NEIGHBOUR_S
+        )
 
     def fold(self, payload: Payload, received_s: float) -> None:
         """Take one message in, as it arrived at `received_s`. Late and repeated ones change nothing

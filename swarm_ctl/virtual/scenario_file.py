@@ -1,0 +1,17 @@
+"""What tells a scenario's file from a mission's, before either is read."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Final
+
+from swarm_ctl.files import read_bytes
+
+_MOST: Final = 10_000_000
+_MISSION: Final = re.compile(rb"^[\"']?mission[\"']?\s*:", re.MULTILINE)
+
+
+def is_scenario(path: Path) -> bool:
+    """It names a mission, which no mission does."""
+    return path.is_file() and _MISSION.search(read_bytes(path, _MOST)) is not None
