@@ -37,7 +37,13 @@ _GROWTH: Final = 0.1
 `_GROWS_S`."""
 _GROWS_S: Final = 3.0
 _ZONE: Final = 0.45
-"""Caution reaches so far beyond D, in r_out - r_in."""
+"""Caution reaches so far beyond D at least, in r_out - r_in."""
+_PASSING: Final = 1.6
+"""Two that pass each other turn less than in a circle: beyond caution, so many times the speed is
+flown that the proven bound allows to two that circle there. Two simulated ArduCopters that change
+places head-on, in units of 1.5 to 3 m: 1.10 r_in and more; with 1.85 once 0.94. Where caution was
+0.45 units wide whatever the speed, 0.67 in units of 1.5 m."""
+_STEP: Final = 0.01
 _LAG_ERROR: Final = 1.2
 """Vehicles may lag so much more than their model says."""
 _SPARE: Final = 1.15
@@ -105,7 +111,7 @@ class Margins:
     growth: float
     """Of D, per second of age."""
     zone: float
-    """Caution begins so far outside D."""
+    """Caution begins so far outside D: in little room for the speed, farther."""
     slow: float
     """Speed allowed to two that are at D."""
     speed: float
@@ -122,14 +128,22 @@ class Margins:
         """For vehicles with this response, in metres; lengths of `law` are units of `unit_m`."""
         r_in, span = law.r_in * unit_m, (law.r_out - law.r_in) * unit_m
         keep_out, most = r_in + _KEEP_OUT * span, response.acceleration_mps2
-        # the proven bound D F(2 v tau / D) = _SPARE r_in, with tau = lag + _TURNS v / most
-        widest = 0.5 * _widest(_SPARE * r_in / keep_out) * keep_out
         lag_s = _LAG_ERROR * response.lag_s
-        slow = 2.0 * widest / (lag_s + math.sqrt(lag_s * lag_s + 4.0 * _TURNS / most * widest))
+
+        def circles(x: float) -> float:
+            """The speed of the proven bound x F(2 v tau / x) = _SPARE r_in, with
+            tau = lag + _TURNS v / most."""
+            widest = 0.5 * _widest(_SPARE * r_in / x) * x
+            return 2.0 * widest / (lag_s + math.sqrt(lag_s * lag_s + 4.0 * _TURNS / most * widest))
+
+        slow = circles(keep_out)
+        zone = _ZONE * span
+        while _PASSING * circles(keep_out + zone) < speed_mps:
+            zone += _STEP * span
         return cls(
             keep_out,
             _GROWTH * span,
-            _ZONE * span,
+            zone,
             min(slow, speed_mps),
             speed_mps,
             law.r * unit_m,
