@@ -146,7 +146,7 @@ class Gate:
         """(received_s [s], source, bytes) of those that may be read, oldest first. Where an agent
         of the plan has too many, as many again of those that are `likely`."""
         taken: list[tuple[float, Source, bytes]] = []
-        dropped: Counter[Source] = Counter()
+        dropped: list[Source] = []
         looked = 0 if likely else _LOOKED
         size, known = self._channel.bounds.size, self._known
         if self._channel is BEACON:
@@ -158,7 +158,7 @@ class Gate:
                 looks = looked < _LOOKED and key in known
                 looked += looks
                 if not (looks and self._likely(source, data, received_s, likely)):
-                    dropped[source] += 1
+                    dropped.append(source)
                     continue
             if source is self._crowd and len(key) <= _LONGEST_KEY:
                 source = self._source(key)
@@ -167,7 +167,7 @@ class Gate:
             else:
                 taken.append((received_s, source, bytes(data)))
         if dropped:
-            self._too_many(dropped, messages[-1][0])
+            self._too_many(Counter(dropped), messages[-1][0])
         taken.reverse()
         return taken
 

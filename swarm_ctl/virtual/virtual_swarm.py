@@ -27,7 +27,6 @@ from swarm_ctl.core.model.messages import (
     StationBeacon,
 )
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.core.model.vehicle import OVER_M
 from swarm_ctl.core.swarm.hearing import FOLLOW_TICKS
 from swarm_ctl.mavlink.autopilots.timing import streams_hz
 from swarm_ctl.mavlink.link import VehicleLink
@@ -206,20 +205,11 @@ class VirtualSwarm:
         for place, far in enumerate(self._far):
             while (data := far.read()) is not None:
                 self.hub.receive(place, data, _AGENT)
-        while self.hub.world.next_s <= self.now + STEP_S / 2:
+        world = self.hub.world
+        while world.next_s <= self.now + STEP_S / 2:
             self.hub.step()
-            self._watch_distances()
-
-    def _watch_distances(self) -> None:
-        flies = np.array(self.hub.world.airborne())
-        if not flies.any():
-            return
-        north, east, down = self.hub.world.positions().T
-        square = np.subtract.outer(north, north) ** 2 + np.subtract.outer(east, east) ** 2
-        if not flies.all():
-            higher = np.abs(np.subtract.outer(down, down)) > OVER_M
-            square[higher & (flies != flies[:, None])] = np.inf
-        np.minimum(self._closest_m2, square, out=self._closest_m2)
+            if world.flying:
+                np.minimum(self._closest_m2, world.pairs.square, out=self._closest_m2)
 
     def _step(self, member: Member) -> None:
         now = member.clock(self.now)

@@ -237,12 +237,14 @@ def _bound(vector: Array, horizontal: float, vertical: Array | float) -> Mask | 
         return None  # one cheap sum shows that no vector is near its bound: the usual case
     length = np.hypot(vector[..., 0], vector[..., 1])
     long: Mask = length > horizontal
-    np.maximum(length, horizontal, out=length)
-    vector[..., :2] *= (horizontal / length)[..., None]
+    some = np.count_nonzero(long) > 0
+    if some:
+        np.maximum(length, horizontal, out=length)
+        vector[..., :2] *= (horizontal / length)[..., None]
     down = vector[..., 2]
     np.minimum(down, vertical, out=down)
     np.maximum(down, -vertical, out=down)
-    return long if np.count_nonzero(long) else None
+    return long if some else None
 
 
 @functools.lru_cache(maxsize=64)

@@ -24,6 +24,8 @@ class PairMinima:
         self._below = np.tri(n, k=0, dtype=np.bool_)
         self._least = np.where(self._below, -1.0, np.inf)
         self._told = self._least.copy()
+        self.square = np.full((n, n), np.inf)
+        """Of the horizontal distances [m2] at the newest step; inf: one flies over the other."""
         self._touching: set[tuple[int, int]] = set()
         self._before: Array | None = None
 
@@ -36,6 +38,7 @@ class PairMinima:
         # all pairs at once, by squares; the diagonal is each vehicle with itself
         north, east = position[:, 0], position[:, 1]
         square = np.subtract.outer(north, north) ** 2 + np.subtract.outer(east, east) ** 2
+        self.square = square
         if landed is not None and landed.any():
             down = position[:, 2]
             higher = np.abs(np.subtract.outer(down, down)) > _OVER_M

@@ -134,6 +134,11 @@ class World:
         """Per vehicle."""
         return [not x for x in self._landed().tolist()]
 
+    @property
+    def flying(self) -> bool:
+        """Any is in the air."""
+        return self._flying
+
     def parked(self) -> bool:
         """All stand on the ground, disarmed."""
         return not any(self.armed()) and not any(self.airborne())

@@ -249,6 +249,8 @@ def _peers_gone(s: Situation) -> FailsafeTrigger | None:
 def _peers_departed(s: Situation) -> FailsafeTrigger | None:
     """An order to some agents: each of the others does as the mission says, whatever comes of
     those."""
+    if not s.departed:
+        return None
     policy = s.plan.policies.left_by_order
     new = [why for agent, why in s.departed.items() if agent not in s.accepted]
     on_its_own = s.ordered is not None or isinstance(s.progress.current, LandStep | ReturnStep)

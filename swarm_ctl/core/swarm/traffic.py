@@ -58,6 +58,7 @@ class Traffic:
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
         self._response, self._limit_mps = plan.response, plan.limits.speed_mps
+        self._ahead_s = plan.response.dead_time_s + plan.response.lag_s
         self.seen: frozenset[int] = frozenset()
         """The peers that the sensor sees where they say."""
         self.off: dict[int, float] = {}
@@ -121,8 +122,7 @@ class Traffic:
         """Setpoints that the vehicle has yet to fly, and what it did since the contact."""
         response, limit = self._response, self._limit_mps
         turned = min(response.acceleration_mps2 * age_s, limit)
-        ahead_s = response.dead_time_s + response.lag_s
-        return _STOPS_M + response.dead_time_s * (limit + speed) + turned * ahead_s
+        return _STOPS_M + response.dead_time_s * (limit + speed) + turned * self._ahead_s
 
     def _stands(self, contact: Contact, places: Sequence[Vector3]) -> bool:
         """It is a peer that has landed and ended, at its height as well: no other flies there."""

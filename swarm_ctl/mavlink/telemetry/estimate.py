@@ -34,8 +34,9 @@ _NEEDED: Final = {
     dialect.EKF_POS_HORIZ_ABS: "horizontal position",
     dialect.EKF_POS_VERT_ABS: "height",
 }
-"""Flags without which nothing is flown; ESTIMATOR_STATUS has the same bits. The flag of a constant
-position is none of the wrong ones: PX4 sets it while it stands on the ground."""
+"""Flags, of a bit each, without which nothing is flown; ESTIMATOR_STATUS has the same bits. The
+flag of a constant position is none of the wrong ones: PX4 sets it while it stands on the ground."""
+_ALL_NEEDED: Final = sum(_NEEDED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,11 +122,11 @@ class EstimateHealth:
             return ""
         if now - self.report_s > SILENT_S:
             return f"no {rules.message} for {SILENT_S:g} s"
-        missing = [name for flag, name in _NEEDED.items() if not self.flags & flag]
-        if missing:
+        if self.flags & _ALL_NEEDED != _ALL_NEEDED:
+            missing = (name for flag, name in _NEEDED.items() if not self.flags & flag)
             return f"the estimator has no {', '.join(missing)}"
-        wrong = [name for flag, name in rules.wrong.items() if self.flags & flag]
-        if wrong:
+        if self.flags & sum(rules.wrong):
+            wrong = (name for flag, name in rules.wrong.items() if self.flags & flag)
             return f"the estimator says: {', '.join(wrong)}"
         for name, ratio in self.ratios.items():
             if ratio > rules.most_ratio:

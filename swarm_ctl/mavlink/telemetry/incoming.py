@@ -112,7 +112,7 @@ def _timesync(heard: Telemetry, message: Any, now: float) -> bool:
 
 
 def _attitude(heard: Telemetry, message: Any, now: float) -> bool:
-    if not _within((message.roll, message.pitch), 2 * math.pi):
+    if not _within((message.roll, message.pitch, 0.0), 2 * math.pi):
         return False
     # The angle between the vehicle's up axis and the world's.
     cosine = math.cos(message.roll) * math.cos(message.pitch)
@@ -243,8 +243,9 @@ def _for_us(heard: Telemetry, message: Any) -> bool:
     )
 
 
-def _within(vector: tuple[float, ...], limit: float) -> bool:
-    return all(-limit <= component <= limit for component in vector)
+def _within(vector: tuple[float, float, float], limit: float) -> bool:
+    x, y, z = vector
+    return -limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit
 
 
 def _geodetic(lat: int, lon: int, alt_mm: int) -> Geodetic | None:
