@@ -3,8 +3,10 @@ real processes."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
+import signal
 import subprocess
 import sys
 from contextlib import closing
@@ -117,16 +119,21 @@ def test_a_step_that_is_not_there(swarm: Fly) -> None:
         flight.kill_agent(9)
 
 
-def outside(folder: Path, tests: str) -> str:
-    """What pytest says to these failing tests in a folder of their own, called from another one;
-    `patrol.yaml` lies beside them."""
+def as_a_user(folder: Path, tests: str) -> tuple[list[str], dict[str, str]]:
+    """How pytest is called for these tests in a folder of their own, from another one, and with
+    what environment; `patrol.yaml` lies beside them."""
     (folder / "tests").mkdir()
     (folder / "tests" / "patrol.yaml").write_text(TRIO)
     (folder / "tests" / "test_patrol.py").write_text(tests)
-    path = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests"]
     if "swarm_ctl.testing.plugin" not in _entry_points():
         command += ["-p", "swarm_ctl.testing.plugin"]
+    return command, os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+
+
+def outside(folder: Path, tests: str) -> str:
+    """What pytest says to these failing tests."""
+    command, path = as_a_user(folder, tests)
     done = subprocess.run(
         command, cwd=folder, env=path, capture_output=True, text=True, check=False
     )
@@ -162,6 +169,55 @@ def test_a_mistake(swarm):
     assert "s on the virtual clock, seed 1: no run folder" in first
     assert 'mission.yaml:2: name: "a b" is not allowed; did you mean a-b?' in second
     assert "yaml_file.py" not in second
+
+
+@pytest.mark.realtime
+@pytest.mark.long
+@pytest.mark.timeout(120)
+def test_ctrl_c_in_a_test_leaves_no_process(tmp_path: Path) -> None:
+    """As a terminal sends it, to pytest and to `run` at once, in flight: pytest says that it was
+    interrupted, and no process of the flight is left."""
+    tests = """
+def test_long(swarm):
+    flight = swarm("patrol.yaml", speedup=4)
+    flight.wait_step("takeoff")
+    print("up", flush=True)
+    flight.wait_s(9000)
+"""
+    command, path = as_a_user(tmp_path, tests)
+    with subprocess.Popen(
+        [*command, "-s"],
+        cwd=tmp_path,
+        env=path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    ) as pytests:
+        assert pytests.stdout is not None
+        try:
+            assert any("up" in line.split() for line in pytests.stdout)
+            os.killpg(pytests.pid, signal.SIGINT)
+            said = pytests.stdout.read()  # until no process has it open
+            assert pytests.wait() == pytest.ExitCode.INTERRUPTED, said
+        finally:
+            left = of_session(pytests.pid)
+            for pid in left:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
+    assert "KeyboardInterrupt" in said
+    assert not left
+
+
+def of_session(session: int) -> list[int]:
+    """The processes that were started there and live."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            fields = stat.read_text().rpartition(")")[2].split()
+            if int(fields[3]) == session and fields[0] != "Z":
+                found.append(int(stat.parent.name))
+    return found
 
 
 @pytest.mark.long

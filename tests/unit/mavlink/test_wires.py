@@ -467,6 +467,28 @@ def test_a_serial_port_that_takes_nothing_never_holds_the_loop_up(tmp_path: Path
     port.pull_out()
 
 
+@pytest.mark.skipif(not hasattr(socket, "TCP_USER_TIMEOUT"), reason="Linux alone")
+@pytest.mark.parametrize("scheme", ["tcp", "tcpin"])
+def test_a_tcp_host_that_acknowledges_nothing_is_left_after_three_seconds(scheme: str) -> None:
+    """It has lost its power or its network. By itself the system waits for a quarter of an hour,
+    with the agent's newest setpoints behind the oldest; the kernel is told, for both ends."""
+    with contextlib.ExitStack() as stack:
+        if scheme == "tcp":
+            server = stack.enter_context(contextlib.closing(socket.create_server((HOST, 0))))
+            port = server.getsockname()[1]
+            opened = stack.enter_context(contextlib.closing(open_wire(f"tcp:{HOST}:{port}")))
+            opened.read(0.0)
+            stream = opened._stream  # type: ignore[attr-defined]
+        else:
+            opened, port = stack.enter_context(tcpin())
+            client = stack.enter_context(socket.create_connection((HOST, port), timeout=5.0))
+            client.sendall(b"here")
+            assert read_soon(opened) == b"here"
+            stream = opened._streams[opened.source]  # type: ignore[attr-defined]
+        told_ms = stream.connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT)
+        assert told_ms == 3000
+
+
 def test_a_tcp_host_that_does_not_answer_is_asked_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     """By itself the system asks ever more seldom, and the vehicle is back long before."""
     tries: list[object] = []

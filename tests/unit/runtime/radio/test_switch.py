@@ -183,3 +183,27 @@ def test_vehicles_at_one_udp_port_each_get_their_own_frames_however_they_speak()
                         assert vehicle.recv(300) == setpoint(i)
                         got[i] += 1
     assert min(got.values()) > 50
+
+
+def test_an_agent_that_speaks_from_another_port_is_answered_there() -> None:
+    """One that was started again, where its own port was taken; at the old one nobody listens."""
+    (port,) = free_ports(1, socket.SOCK_DGRAM)
+    entry = FleetAgent(1, 1, "ardupilot", agent_sysid=250)
+    near, radio = memory_wires()
+    with contextlib.ExitStack() as stack:
+        wire = stack.enter_context(contextlib.closing(open_wire(f"udpin:127.0.0.1:{port}")))
+        switch = Switch(near, [Place(entry, wire, 10.0)], "serial:/dev/x", 5760)
+        agents = []
+        for _ in range(2):
+            agent = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            agent.settimeout(5.0)
+            agents.append(agent)
+        for start_s, agent in zip((0.0, 10.0), agents, strict=True):
+            agent.sendto(heartbeat(250), ("127.0.0.1", port))
+            switch.turn(start_s)
+            radio.write(heartbeat(1))
+            switch.turn(start_s + TURN_S)
+            assert agent.recv(300) == heartbeat(1)
+        agents[0].setblocking(False)
+        with contextlib.suppress(BlockingIOError):
+            raise AssertionError(f"the old port was told {agents[0].recv(300)!r}")
