@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TypeAlias
@@ -16,26 +16,50 @@ from swarm_ctl.core.model.messages import AgentStatus, Event
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.text import agents_named, ranges
 from swarm_ctl.errors import SwarmError
+from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps, load, loads
 from swarm_ctl.mission.sections.mission_file import MissionFile
 from swarm_ctl.report.folder.truth import Truth
 from swarm_ctl.report.judge.summary import Summary
 from swarm_ctl.station.picture.view import SwarmView
+from swarm_ctl.virtual.scenario import Scenario, load_scenario, scenario_of, scenario_text
+from swarm_ctl.virtual.scenario_file import is_scenario, says_scenario
+from swarm_ctl.virtual.scenario_flight import longest_s
 
-Mission: TypeAlias = "str | Path | MissionFile | LoadedMission"
-"""A file, its text (more than one line), or what is built in Python."""
+Mission: TypeAlias = "str | Path | MissionFile | LoadedMission | Scenario"
+"""A mission's or a scenario's file, its text (more than one line), or what is built in Python."""
 
 
-def loaded(mission: Mission, beside: Path) -> LoadedMission:
-    """The checked mission; a file that is not in the working directory is looked for in `beside`.
-    Raises MissionError with all mistakes."""
+def loaded(
+    mission: Mission, beside: Path, seed: int | None = None
+) -> tuple[LoadedMission, Scenario | None]:
+    """The checked mission, and the scenario that it is flown in, with this seed if one is given; a
+    file that is not in the working directory is looked for in `beside`. Raises MissionError with
+    all mistakes, also with what `run` refuses to fly."""
+    flown, scenario = _read(mission, beside)
+    refuse_too_close(flown, forecast(flown.plan))
+    if scenario is not None and seed is not None:
+        scenario = scenario.model_copy(update={"seed": seed})
+    return flown, scenario
+
+
+def _read(mission: Mission, beside: Path) -> tuple[LoadedMission, Scenario | None]:
     if isinstance(mission, LoadedMission):
-        return mission
+        return mission, None
     if isinstance(mission, MissionFile):
-        return loads(dumps(mission))
+        return loads(dumps(mission)), None
+    if isinstance(mission, Scenario):
+        mission = scenario_text(mission)
     if isinstance(mission, str) and "\n" in mission:
-        return loads(mission)
-    return load(mission if Path(mission).exists() else beside / mission)
+        if says_scenario(mission.encode()):
+            scenario, flown = scenario_of(mission, str(beside / "scenario.yaml"))
+            return flown, scenario
+        return loads(mission), None
+    path = Path(mission if Path(mission).exists() else beside / mission)
+    if is_scenario(path):
+        scenario, flown = load_scenario(path)
+        return flown, scenario
+    return load(path), None
 
 
 class FlightError(SwarmError, AssertionError):
@@ -60,12 +84,14 @@ class FlightResult:
     events: tuple[Event, ...]
     """What agents logged: each has `agent`, `time_s`, `level` and `text`."""
     summary: Summary | None = None
-    """The figures of `summary.json`; None on the virtual clock."""
+    """The verdict, its findings and figures, as in `summary.json`."""
     truth: Truth | None = None
-    """The simulator's true positions and touch-downs; None on the virtual clock, and for real
-    vehicles."""
+    """The simulator's true positions and touch-downs; None for real vehicles."""
     folder: Path | None = None
     """The run folder, with the report; None on the virtual clock."""
+    digest: str = ""
+    """On the virtual clock: of every message, the truth and the verdict, in hexadecimal. The same
+    flight with the same seed has the same."""
 
     def __repr__(self) -> str:
         """`<flight: agents 1-6 completed; closest 9.90 m; all down; run folder runs/...>`."""
@@ -91,8 +117,31 @@ class SwarmFlight(ABC):
     `reasons` says by agent why not, `silent` has those that did not answer.
     """
 
-    plan: Plan
-    """What is flown: `agents`, `steps`, `law`, ..."""
+    def __init__(self, plan: Plan, scenario: Scenario | None = None) -> None:
+        self.plan = plan
+        """What is flown: `agents`, `steps`, `law`, ..."""
+        self.scenario = scenario
+        """What befalls it; None: nothing but what the test does."""
+        self._observers: list[Callable[[SwarmFlight], None]] = []
+
+    @property
+    def bound_s(self) -> float:
+        """How long the flight takes at most [s]: the sum of all its time-outs."""
+        return longest_s(self.plan, self.scenario)
+
+    def watch(self, observer: Callable[[SwarmFlight], None]) -> None:
+        """Call `observer` with this flight after each `turn`, however the test waits."""
+        self._observers.append(observer)
+
+    def observed(self) -> None:
+        """A turn is over."""
+        for observer in self._observers:
+            observer(self)
+
+    @property
+    @abstractmethod
+    def up(self) -> tuple[int, ...]:
+        """The agents that have not ended."""
 
     @property
     @abstractmethod
@@ -136,6 +185,11 @@ class SwarmFlight(ABC):
         until = self.now + seconds
         while self.now < until - _ROUNDING_S and not self.over:
             self.turn()
+
+    @abstractmethod
+    def give(self, order: Order) -> SentCommand:
+        """Give an order without waiting for the answers: they come into what is returned while the
+        flight goes on. Several orders may be given in one tick."""
 
     @abstractmethod
     def order(self, order: Order) -> SentCommand:
@@ -184,8 +238,9 @@ class SwarmFlight(ABC):
         """Where the flight can be looked at: run folder and report."""
 
     @abstractmethod
-    def finish(self, within_s: float = 900.0) -> FlightResult:
-        """Fly to the end; FlightError when that takes longer."""
+    def finish(self, within_s: float | None = None) -> FlightResult:
+        """Fly to the end; FlightError when that takes longer than so many seconds, or than
+        `bound_s`."""
 
     @abstractmethod
     def land(self) -> None:

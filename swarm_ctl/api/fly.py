@@ -12,8 +12,10 @@ from swarm_ctl.api.flight import FlightError, FlightResult, Mission, SwarmFlight
 from swarm_ctl.api.process_flight import ProcessFlight
 from swarm_ctl.api.swarm import AsyncSwarm, OrderError, Swarm
 from swarm_ctl.api.virtual_flight import VirtualFlight
+from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.mission.ready import named
+from swarm_ctl.virtual.scenario import Scenario
 
 __all__ = ["AsyncSwarm", "FlightError", "FlightResult", "Flying", "OrderError", "Swarm", "fly"]
 VIRTUAL: Final = "virtual"
@@ -26,12 +28,14 @@ class Flying:
     def __init__(
         self,
         mission: LoadedMission,
+        scenario: Scenario | None,
         speedup: float | None,
         vehicles: str | None,
         seed: int,
         runs: Path,
     ) -> None:
-        self._mission, self._speedup, self._vehicles = mission, speedup, vehicles
+        self._mission, self._scenario = mission, scenario
+        self._speedup, self._vehicles = speedup, vehicles
         self._seed, self._runs = seed, runs
         self._flight: SwarmFlight | None = None
         self._async: AsyncSwarm | None = None
@@ -64,15 +68,20 @@ class Flying:
 
     def _start(self) -> SwarmFlight:
         if self._vehicles == VIRTUAL:
-            virtual = VirtualFlight(self._mission, self._seed)
-            virtual.view()  # it hears from here on
-            return virtual
+            return VirtualFlight(self._mission, self._seed, self._scenario)
         self._runs.mkdir(parents=True, exist_ok=True)
         # beside the run folders, which have what is looked for: this one has the mission's file
         where = Path(tempfile.mkdtemp(prefix=f".{self._mission.plan.name}-", dir=self._runs))
         more = [] if self._vehicles is None else ["--vehicles", self._vehicles]
         return ProcessFlight(
-            self._mission, where, self._speedup, self._seed, more, apart=True, runs=self._runs
+            self._mission,
+            where,
+            self._speedup,
+            self._seed,
+            more,
+            apart=True,
+            runs=self._runs,
+            scenario=self._scenario,
         )
 
 
@@ -81,20 +90,21 @@ def fly(
     *,
     speedup: float | Literal["max"] = 1.0,
     vehicles: str | None = None,
-    seed: int = 1,
+    seed: int | None = None,
     runs: Path | str = "runs",
 ) -> Flying:
     """A mission to fly, in a `with` or an `async with`.
 
     Args:
         mission: a file, the name of a ready mission (`hexagon`), a mission's text (of more than one
-            line), or what is built in Python (`MissionFile`, `LoadedMission`).
+            line), or what is built in Python (`MissionFile`, `LoadedMission`); or a scenario, in
+            lockstep or on the virtual clock.
         speedup: mission seconds per second of the wall clock; `max`: in lockstep, where mission
             time waits for every process, and for this program.
         vehicles: where the fleet names no endpoint: `simulated`, `arducopter` or `px4` (as
             `swarm-ctl run --vehicles`), or `virtual`: agents and simulated vehicles in this process
             on a virtual clock. None: the fleet's.
-        seed: of all random numbers.
+        seed: of all random numbers. None: 1, or the scenario's own.
         runs: where the run's folder is made, with recording and report.
 
     Raises:
@@ -105,6 +115,11 @@ def fly(
         mission = Path(mission)
     if isinstance(mission, Path):
         mission = named(mission)
-    checked = loaded(mission, beside=Path())
+    checked, scenario = loaded(mission, Path(), seed)
     factor = None if speedup == "max" else float(speedup)
-    return Flying(checked, factor, vehicles, seed, Path(runs))
+    if scenario is not None and vehicles is None and factor is not None:
+        raise InputError(
+            f"speedup={speedup}: a scenario flies in lockstep; allowed: speedup='max', or"
+            " vehicles='virtual'"
+        )
+    return Flying(checked, scenario, factor, vehicles, 1 if seed is None else seed, Path(runs))

@@ -19,6 +19,8 @@ from swarm_ctl.api.flight import FlightError, FlightResult, SwarmFlight
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.model.messages import AgentStatus, Event
+from swarm_ctl.core.model.messages import Phase as AgentPhase
+from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps
 from swarm_ctl.report.folder.last_statuses import read_events, read_last_statuses
 from swarm_ctl.report.folder.manifest import read_manifest
@@ -29,6 +31,8 @@ from swarm_ctl.runtime.lockstep.seat import STATION, TEST, BarrierSeat
 from swarm_ctl.runtime.lockstep.words import Phase
 from swarm_ctl.runtime.station.run_client import RunClient
 from swarm_ctl.station.picture.view import SwarmView
+from swarm_ctl.virtual.as_processes import run_script
+from swarm_ctl.virtual.scenario import Scenario, mission_source, scenario_text
 
 _START_WALL_S = 80.0
 """`run` itself gives its processes 40 s, and says then which one did not start."""
@@ -71,20 +75,26 @@ class ProcessFlight(SwarmFlight):
         *,
         apart: bool = False,
         runs: Path | None = None,
+        scenario: Scenario | None = None,
     ) -> None:
-        self.plan = mission.plan
+        super().__init__(mission.plan, scenario)
         self._struck: dict[str, signal.Signals] = {}
         """Processes that a signal is to come to, after the next tick."""
         self._place: BarrierSeat | None = None
         self._client: RunClient | None = None
         where.mkdir(parents=True, exist_ok=True)
-        file = where / "mission.yaml"
-        file.write_text(dumps(mission.file))
+        file = where / ("mission.yaml" if scenario is None else "scenario.yaml")
+        self._named = str(file)
+        if scenario is None:
+            file.write_text(dumps(mission.file))
+        else:
+            self._named = _write_scenario(file, scenario, mission, speedup)
         self._where = where
         self._before = {path.parent for path in (runs or where).glob("*/processes.json")}
         self._log: IO[bytes] = (where / "run.log").open("wb")
         command = [sys.executable, "-m", "swarm_ctl.cli.main", "run", str(file), "--headless"]
-        command += ["--seed", str(seed), "--runs", str(runs or where), "--speedup"]
+        command += [] if scenario is not None else ["--seed", str(seed)]
+        command += ["--runs", str(runs or where), "--speedup"]
         command += ["max", "--lockstep-with", TEST] if speedup is None else [str(speedup)]
         command += arguments
         # Its end is ours, however this program ends: then the swarm lands.
@@ -111,7 +121,7 @@ class ProcessFlight(SwarmFlight):
 
     def _wait_started(self, where: Path, runs: Path) -> Path:
         """The folder in `runs` of the run that flies the mission file in `where`."""
-        until, named = wall_s() + _START_WALL_S, str(where / "mission.yaml")
+        until, named = wall_s() + _START_WALL_S, self._named
         while not (
             found := [
                 file
@@ -136,6 +146,7 @@ class ProcessFlight(SwarmFlight):
         self._mesh.newest()
         self._mesh.turn()
         self._signal_struck()
+        self.observed()
 
     def reached(self, step: int) -> bool:
         states = self._mesh.newest()
@@ -156,8 +167,16 @@ class ProcessFlight(SwarmFlight):
         no_agent = self._place is not None and self._place.agents == 0
         return no_agent or self._process.poll() is not None
 
+    def give(self, order: Order) -> SentCommand:
+        return self._mesh.give(order)
+
     def order(self, order: Order) -> SentCommand:
         return self._mesh.order(order)
+
+    @property
+    def up(self) -> tuple[int, ...]:
+        ended = {i for i, s in self.statuses().items() if s.phase is AgentPhase.ENDED}
+        return tuple(agent.id for agent in self.plan.agents if agent.id not in ended)
 
     def kill_agent(self, agent: int) -> None:
         self._strike(f"agent-{self.known(agent)}", signal.SIGKILL)
@@ -222,8 +241,9 @@ class ProcessFlight(SwarmFlight):
         file = self.folder / SUMMARY
         return TypeAdapter(Summary).validate_json(file.read_bytes()) if file.exists() else None
 
-    def finish(self, within_s: float = 900.0) -> FlightResult:
+    def finish(self, within_s: float | None = None) -> FlightResult:
         __tracebackhide__ = True
+        within_s = self.bound_s if within_s is None else within_s
         try:
             self._fly_on(within_s)
         except subprocess.TimeoutExpired:
@@ -291,6 +311,19 @@ class ProcessFlight(SwarmFlight):
         if self._lifeline >= 0:
             os.close(self._lifeline)
             self._lifeline = -1
+
+
+def _write_scenario(
+    file: Path, scenario: Scenario, mission: LoadedMission, speedup: float | None
+) -> str:
+    """Where it can be flown from; what its run calls its mission."""
+    if speedup is not None:
+        raise InputError(f"speedup={speedup:g}: a scenario flies in lockstep; allowed: no speedup")
+    run_script(scenario, mission.plan)  # refuses what processes can't do
+    if isinstance(scenario.mission, str):
+        scenario = scenario.model_copy(update={"mission": str(mission.source.absolute())})
+    file.write_text(scenario_text(scenario))
+    return str(mission_source(scenario, file.parent))
 
 
 def _lives(pid: int) -> bool:

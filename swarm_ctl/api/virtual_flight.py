@@ -1,64 +1,43 @@
-"""A flight on the virtual clock: all agents in this process, the same in every run."""
+"""A flight on the virtual clock: all agents in this process, the same in every run, and the same as
+processes in lockstep fly it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Final
 
 from swarm_ctl.api.flight import FlightError, FlightResult, SwarmFlight
-from swarm_ctl.commands.build import AgentNow, SwarmNow, build
 from swarm_ctl.commands.parse import Order
-from swarm_ctl.commands.send import CommandSender, SentCommand
+from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Event
-from swarm_ctl.core.model.plan import Point
-from swarm_ctl.mesh import keys
-from swarm_ctl.mesh.memory_transport import MemoryTransport
-from swarm_ctl.mesh.node import Node
+from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.mission.compile.loader import LoadedMission
-from swarm_ctl.station.picture.model import Model
+from swarm_ctl.runtime.station.ground_station import Station
 from swarm_ctl.station.picture.view import SwarmView
-from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
+from swarm_ctl.virtual.scenario import Scenario
+from swarm_ctl.virtual.scenario_flight import ScenarioFlight
 
-_WATCHED: Final[tuple[keys.Channel[Any], ...]] = (
-    keys.STATE,
-    keys.SIGMA,
-    keys.STATUS,
-    keys.EVENT,
-    keys.COMMAND,
-    keys.ACK,
-)
-
-
-class Watching:
-    """A ground station that says nothing, on the virtual mesh."""
-
-    def __init__(self, swarm: VirtualSwarm) -> None:
-        self._node = Node(MemoryTransport(swarm.mesh), "test", "watching")
-        self._node.listen(*_WATCHED, agents=[agent.id for agent in swarm.plan.agents])
-        self._model = Model(swarm.plan, speedup=1.0, since_s=swarm.now, station="watching")
-
-    def hear(self, now: float) -> None:
-        """Take in what was said up to `now` [s]."""
-        for channel in _WATCHED:
-            for payload, _ in self._node.take(channel):
-                self._model.fold(payload, now)
-
-    def view(self, now: float) -> SwarmView:
-        """The picture at `now`."""
-        self.hear(now)
-        return self._model.view(now)
+_OF_WHERE: Final = frozenset({CommandKind.FORM, CommandKind.MOVE, CommandKind.TUNE})
+"""Orders that are made of where the agents are, or of their law, wait for them."""
+_HEAR_S: Final = 5.0
 
 
 class VirtualFlight(SwarmFlight):
-    """Tests may read and change `swarm`."""
+    """Tests may read and change `swarm`. `scenario`: what befalls it; None: nothing but what the
+    test does."""
 
-    def __init__(self, mission: LoadedMission, seed: int = 1) -> None:
-        self.plan = mission.plan
-        self.swarm = VirtualSwarm(mission, seed)
-        self._mission, self._seed = mission, seed
-        self._watching: Watching | None = None
-        self._sender = CommandSender(self.swarm.send, [agent.id for agent in self.plan.agents])
+    def __init__(
+        self, mission: LoadedMission, seed: int = 1, scenario: Scenario | None = None
+    ) -> None:
+        super().__init__(mission.plan, scenario)
+        befalls = scenario or Scenario(version=1, mission=str(mission.source), seed=seed)
+        self._flight = ScenarioFlight(befalls, mission)
+        self._flight.lands_the_held = scenario is not None
+        self.swarm = self._flight.swarm
+        self._seed = befalls.seed
+        self._own: Station | None = None
+        self._result: FlightResult | None = None
 
     @property
     def now(self) -> float:
@@ -66,12 +45,17 @@ class VirtualFlight(SwarmFlight):
 
     @property
     def over(self) -> bool:
-        return not any(member.alive for member in self.swarm.members.values())
+        return self._flight.over
+
+    @property
+    def up(self) -> tuple[int, ...]:
+        return self._flight.up
 
     def turn(self) -> None:
-        self.swarm.tick()
-        if self._watching is not None:
-            self._watching.hear(self.swarm.now)
+        self._flight.turn()
+        if self._own is not None:
+            self._own.hear()
+        self.observed()
 
     def wait_s(self, seconds: float) -> None:
         until = self.now + seconds
@@ -82,48 +66,34 @@ class VirtualFlight(SwarmFlight):
         live = [m for m in self.swarm.members.values() if m.alive and not m.frozen]
         return bool(live) and all(m.status is not None and m.status.step >= step for m in live)
 
+    @property
+    def _station(self) -> Station:
+        """The flight's own; when that is gone, one of the test's own that only hears and orders."""
+        if self._flight.station is not None:
+            return self._flight.station
+        if self._own is None:
+            self._own = self._flight.operated(0)
+        return self._own
+
     def view(self) -> SwarmView:
-        if self._watching is None:
-            self._watching = Watching(self.swarm)
-        return self._watching.view(self.swarm.now)
+        return self._station.view()
+
+    def give(self, order: Order) -> SentCommand:
+        return self._station.order(order)
 
     def order(self, order: Order) -> SentCommand:
-        if self._watching is None and (order.by or order.kind == CommandKind.FORM):
-            self.view()
+        until = self.now + _HEAR_S
+        while order.kind in _OF_WHERE and self.now < until:
+            if len(self._station.states()) >= len(self.up):
+                break
             self.turn()  # agents say where they would come to rest
-        swarm = self._now()
-        command = build(order, swarm, self._mission)
-        sent = self._sender.send(command, self.swarm.now, swarm.meant(order))
+        sent = self.give(order)
         while not sent.over:
             self.turn()
-            for ack in self.swarm.acks:
-                self._sender.hear(ack)
-            self._sender.turn(self.swarm.now)
         return sent
 
-    def _now(self) -> SwarmNow:
-        """What a ground station would know if messages took no time: where agents said that they
-        would come to rest, and where their vehicles are while nothing is heard."""
-        agents, step = [], 0
-        points: dict[int, Point] = dict(self.swarm.positions())
-        if self._watching is not None:
-            heard = self._watching.view(self.swarm.now).agents
-            points |= {a.id: a.state.stop_point_m for a in heard if a.state is not None}
-        for agent_id, point in points.items():
-            member = self.swarm.members[agent_id]
-            status = member.status
-            gains = status.gains if status else None
-            left = status is not None and status.left is not None
-            down = not member.alive
-            agents.append(
-                AgentNow(agent_id, point, flies=member.alive, gains=gains, left=left, down=down)
-            )
-            if member.alive and status:
-                step = max(step, status.step)
-        return SwarmNow(self.plan, self.swarm.now, step, tuple(agents))
-
     def kill_agent(self, agent: int) -> None:
-        self.swarm.kill(self.known(agent))
+        self._flight.kill(self.known(agent))
 
     def freeze_agent(self, agent: int) -> None:
         self.swarm.members[self.known(agent)].frozen = True
@@ -132,7 +102,7 @@ class VirtualFlight(SwarmFlight):
         self.swarm.members[self.known(agent)].frozen = False
 
     def kill_station(self) -> None:
-        self.swarm.station_alive = False
+        self._flight.kill_station()
 
     def events(self) -> Sequence[Event]:
         return tuple(self.swarm.events)
@@ -145,21 +115,36 @@ class VirtualFlight(SwarmFlight):
         now = f"{self.swarm.now:.1f} s on the virtual clock, seed {self._seed}"
         return f"{now}: no run folder; a flight with virtual=False leaves one, with a report"
 
-    def finish(self, within_s: float = 900.0) -> FlightResult:
+    def finish(self, within_s: float | None = None) -> FlightResult:
         __tracebackhide__ = True
-        swarm, until = self.swarm, self.swarm.now + within_s
-        # Vehicles without an agent take longer to come down.
-        while not (self._flown and swarm.all_down) and swarm.now < until:
+        if self._result is not None:
+            return self._result
+        swarm, within_s = self.swarm, self.bound_s if within_s is None else within_s
+        until = swarm.now + within_s
+        # Vehicles whose agent stands still come down by themselves.
+        while not (self._flown and (self.over or swarm.all_down)) and swarm.now < until:
             self.turn()
         if not self._flown:
-            raise FlightError(f"the flight did not end within {within_s:g} s")
+            who = agents_named(self.up)
+            raise FlightError(f"the flight did not end within {within_s:g} s: {who} did not")
+        flown = self._flight.conclude(lambda _: self.observed())
         closest_m = min(swarm.minimum.values(), default=math.inf)
-        return FlightResult(swarm.outcomes(), closest_m, swarm.all_down, tuple(swarm.events))
+        self._result = FlightResult(
+            swarm.outcomes(),
+            closest_m,
+            swarm.all_down,
+            tuple(swarm.events),
+            flown.summary,
+            flown.truth,
+            digest=flown.digest,
+        )
+        return self._result
 
     @property
     def _flown(self) -> bool:
         """Every agent that goes on has ended."""
-        return not any(member.alive and not member.frozen for member in self.swarm.members.values())
+        flies = any(member.alive and not member.frozen for member in self.swarm.members.values())
+        return not flies and not self._flight.comes_back
 
     def land(self) -> None:
         if not self._flown:

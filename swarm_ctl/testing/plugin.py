@@ -29,18 +29,19 @@ class Fly(Protocol):
         *,
         speedup: float | None = None,
         virtual: bool = False,
-        seed: int = 1,
+        seed: int | None = None,
     ) -> SwarmFlight:
         """Start a flight.
 
         Args:
             mission: a file, also one beside the test's; its text, of more than one line; or what
-                is built in Python (`MissionFile`, `LoadedMission`).
+                is built in Python (`MissionFile`, `LoadedMission`); or a scenario, in each of
+                these forms.
             speedup: with real processes, so many mission seconds per second of the wall clock;
                 None: in lockstep, which no busy machine changes.
             virtual: in this process on a virtual clock: as fast as it computes, and the same in
                 every run; else with real processes.
-            seed: of all random numbers (wind, GPS noise, losses).
+            seed: of all random numbers (wind, GPS noise, losses). None: 1, or the scenario's own.
 
         Raises:
             MissionError: the mission has mistakes.
@@ -49,7 +50,7 @@ class Fly(Protocol):
 
 @pytest.fixture
 def swarm(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Fly]:
-    """A function that starts a flight: `swarm(mission, speedup=None, virtual=False, seed=1)`.
+    """A function that starts a flight: `swarm(mission, speedup=None, virtual=False, seed=None)`.
 
     Flights have `wait_step`, `wait_s`, `command`, `form`, `move`, `kill_agent`, `finish` and more
     (the page "Tests of your own missions"). One that is not over when the test ends is ended, with
@@ -58,7 +59,11 @@ def swarm(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Fly]:
     flights: list[SwarmFlight] = request.node.stash.setdefault(_FLIGHTS, [])
 
     def fly(
-        mission: Mission, *, speedup: float | None = None, virtual: bool = False, seed: int = 1
+        mission: Mission,
+        *,
+        speedup: float | None = None,
+        virtual: bool = False,
+        seed: int | None = None,
     ) -> SwarmFlight:
         __tracebackhide__ = True
         from swarm_ctl.cli.shared.extras import require
@@ -68,18 +73,18 @@ def swarm(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Fly]:
         from swarm_ctl.errors import MissionError
 
         try:
-            checked = loaded(mission, beside=request.path.parent)
+            checked, scenario = loaded(mission, request.path.parent, seed)
         except MissionError as error:
             raise MissionError(error.problems) from None  # without the way through the parser
         if virtual:
             from swarm_ctl.api.virtual_flight import VirtualFlight
 
-            flight: SwarmFlight = VirtualFlight(checked, seed)
+            flight: SwarmFlight = VirtualFlight(checked, seed or 1, scenario)
         else:
             from swarm_ctl.api.process_flight import ProcessFlight
 
             folder = tmp_path / f"flight-{len(flights) + 1}"
-            flight = ProcessFlight(checked, folder, speedup, seed)
+            flight = ProcessFlight(checked, folder, speedup, seed or 1, scenario=scenario)
         flights.append(flight)
         return flight
 

@@ -44,6 +44,26 @@ _KILLED: Final = -9
 """The exit code of a process that was killed, as its parent has it."""
 
 
+class _Trace:
+    """A digest that goes on in copies of a flight, each for itself."""
+
+    def __init__(self) -> None:
+        self._hash = hashlib.sha256()
+
+    def update(self, data: bytes) -> None:
+        """Take this in."""
+        self._hash.update(data)
+
+    def hexdigest(self) -> str:
+        """Of all so far."""
+        return self._hash.hexdigest()
+
+    def __deepcopy__(self, _: object) -> _Trace:
+        other = _Trace()
+        other._hash = self._hash.copy()
+        return other
+
+
 class Account:
     """Of one flight. `folder`: made, and filled like a run's; None: nothing is written."""
 
@@ -57,7 +77,7 @@ class Account:
         self.statuses: list[AgentStatus] = []
         self.finals: dict[int, AgentStatus] = {}
         self.events: list[Event] = []
-        self._trace = hashlib.sha256()
+        self._trace = _Trace()
         self._node: Node | None = None
         self._recorder: RunRecorder | None = None
         self._truth_file: TruthFile | None = None

@@ -206,11 +206,19 @@ def scenario_text(scenario: Scenario) -> str:
 def mission_of(scenario: Scenario, folder: Path) -> LoadedMission:
     """The scenario's mission, with the happenings that befall vehicles in its timetable.
     MissionError with its mistakes."""
+    source = mission_source(scenario, folder)
     if isinstance(scenario.mission, str):
-        loaded = load(folder / scenario.mission)
+        loaded = load(source)
     else:
-        loaded = loads(yaml_file.write(scenario.mission), str(folder / f"{scenario.name}.mission"))
+        loaded = loads(yaml_file.write(scenario.mission), str(source))
     return with_faults(loaded, scenario)
+
+
+def mission_source(scenario: Scenario, folder: Path) -> Path:
+    """What a mission's mistakes, and its run, call its file."""
+    if isinstance(scenario.mission, str):
+        return folder / scenario.mission
+    return folder / f"{scenario.name}.mission"
 
 
 def with_faults(mission: LoadedMission, scenario: Scenario) -> LoadedMission:

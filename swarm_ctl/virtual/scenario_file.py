@@ -14,4 +14,9 @@ _MISSION: Final = re.compile(rb"^[\"']?mission[\"']?\s*:", re.MULTILINE)
 
 def is_scenario(path: Path) -> bool:
     """It names a mission, which no mission does."""
-    return path.is_file() and _MISSION.search(read_bytes(path, _MOST)) is not None
+    return path.is_file() and says_scenario(read_bytes(path, _MOST))
+
+
+def says_scenario(text: bytes) -> bool:
+    """As `is_scenario`, of a text."""
+    return _MISSION.search(text) is not None

@@ -132,8 +132,12 @@ class ScenarioFlight:
         self._truth = self.account.watch(self.swarm.hub.world, self.swarm.mesh)
         self.swarm.hub.recorder = self._truth
         self.swarm.station_alive = False  # there is another one
+        self.swarm.after_tick = self._operate
         self._stations = 1
-        self._station: Station | None = self._operated(1)
+        self.station: Station | None = self.operated(1)
+        """None: it is gone."""
+        self.lands_the_held = True
+        """In the end, as the scenario has it."""
         self._holding = Holding(scenario.ends_s)
         self._killed: set[str] = set()
         self.orders: list[GivenOrder] = []
@@ -158,14 +162,14 @@ class ScenarioFlight:
         if happening.order:
             yield at_s, lambda: self._order(happening.order)
         elif happening.kill:
-            yield at_s, lambda: self._kill(happening.kill or ())
+            yield at_s, lambda: self.kill(*happening.kill or ())
         elif happening.restart:
             yield at_s, lambda: self._restart(happening.restart or ())
         elif happening.stop and end_s is not None:
             yield at_s, lambda: self._stop(happening.stop or (), True)
             yield end_s, lambda: self._stop(happening.stop or (), False)
         elif happening.station:
-            yield at_s, self._station_gone
+            yield at_s, self.kill_station
             if end_s is not None:
                 yield end_s, self._station_comes
         elif happening.part is not None:
@@ -185,22 +189,23 @@ class ScenarioFlight:
 
     def _order(self, line: str) -> None:
         now = self.swarm.now
-        if self._station is None:
+        if self.station is None:
             self.orders.append(GivenOrder(now, line, None, "there is no station"))
             return
         try:
-            sent = give_line(self._station, line, len(self.orders) + 1)
+            sent = give_line(self.station, line, len(self.orders) + 1)
         except InputError as error:
             self.orders.append(GivenOrder(now, line, None, str(error)))
             return
         self.orders.append(GivenOrder(now, line, sent))
 
-    def _operated(self, number: int) -> Station:
+    def operated(self, number: int) -> Station:
         """The station that the operator sits at, as in a run."""
         node = Node(MemoryTransport(self.swarm.mesh), "test", f"{STATION}-{number}")
         return Station(self.plan, self.mission, node, _SwarmClock(self.swarm))
 
-    def _kill(self, agents: tuple[int, ...]) -> None:
+    def kill(self, *agents: int) -> None:
+        """Kill agents' processes."""
         for agent in agents:
             if self.swarm.members[agent].alive:
                 self._killed.add(f"agent-{agent}")
@@ -217,13 +222,14 @@ class ScenarioFlight:
         for agent in agents:
             self.swarm.members[agent].frozen = stops
 
-    def _station_gone(self) -> None:
-        self._station = None
+    def kill_station(self) -> None:
+        """Kill the station's process."""
+        self.station = None
         self._killed.add(STATION)
 
     def _station_comes(self) -> None:
         self._stations += 1
-        self._station = self._operated(self._stations)
+        self.station = self.operated(self._stations)
 
     def _part(self, pairs: list[tuple[int | str, int | str]], by: int) -> None:
         for pair in pairs:
@@ -277,9 +283,14 @@ class ScenarioFlight:
                 self.met.append(self._meet(due.met))
             due.do()
         swarm.tick()
-        if self._station is not None:
-            self._station.turn()
-            if self._holding.lands(holds(self._station.states()), swarm.now):
+
+    def _operate(self) -> None:
+        """The station's turn, and the operator's."""
+        if self.station is not None:
+            self.station.turn()
+            if self.lands_the_held and self._holding.lands(
+                holds(self.station.states()), self.swarm.now
+            ):
                 self._order("land")
 
     def _meet(self, happening: Happening) -> Met:
@@ -289,11 +300,17 @@ class ScenarioFlight:
         return Met(happening, name, frozenset(status.phase for status in live))
 
     @property
+    def up(self) -> tuple[int, ...]:
+        """The agents that have not ended."""
+        return tuple(i for i, m in self.swarm.members.items() if m.alive)
+
+    @property
     def over(self) -> bool:
         """Every agent has ended, and so has what is to be done to them."""
-        return not any(m.alive for m in self.swarm.members.values()) and not self._comes_back()
+        return not any(m.alive for m in self.swarm.members.values()) and not self.comes_back
 
-    def _comes_back(self) -> bool:
+    @property
+    def comes_back(self) -> bool:
         """A killed agent is still to be started again."""
         return any(due.met is not None and due.met.restart for _, _, due in self._due)
 
@@ -304,13 +321,18 @@ class ScenarioFlight:
             while not self.over and swarm.now < self.bound_s:
                 self.turn()
                 watch(self)
-            up = tuple(i for i, m in swarm.members.items() if m.alive)
-            until_s = swarm.now + _DRAIN_S
-            swarm.tick()  # in which the simulator learns that no agent is left
-            while not swarm.all_down and swarm.now < until_s:
-                swarm.tick()
-                watch(self)
+            return self.conclude(watch)
+
+    def conclude(self, watch: Callable[[ScenarioFlight], None] = lambda _: None) -> FlownScenario:
+        """Once no agent goes on: until all vehicles are down, and then the verdict."""
+        swarm, until_s = self.swarm, self.swarm.now + _DRAIN_S
+        up = self.up
+        swarm.tick()  # in which the simulator learns that no agent is left
+        while not swarm.all_down and swarm.now < until_s:
+            swarm.tick()
+            watch(self)
         self._truth.close()
+        swarm.hub.recorder = None
         names = [*(f"agent-{agent}" for agent in self._ids), STATION, "simulator"]
         summary, truth = self.account.judge({name: name in self._killed for name in names})
         return FlownScenario(

@@ -113,6 +113,8 @@ class VirtualSwarm:
         self.station_alive = True
         self.account: Account | None = None
         """Who keeps what happens, if it is to be judged."""
+        self.after_tick: Callable[[], None] | None = None
+        """Who has a turn after the agents, in each tick."""
         self.told_to_end = ""
         self._ticks = 0
         self.mesh = MemoryHub(self._time_s, held=lockstep)
@@ -200,6 +202,8 @@ class VirtualSwarm:
         self.acks += [ack for ack, _ in self._station.take(keys.ACK)]
         if self.account is not None:
             self.account.hear(statuses, events, self.now)
+        if self.after_tick is not None:
+            self.after_tick()
 
     def _run_world(self) -> None:
         for place, far in enumerate(self._far):
@@ -348,8 +352,8 @@ class VirtualSwarm:
 
     @property
     def closest_m(self) -> float:
-        """Smallest true horizontal distance in the air so far [m]."""
-        return min(self.minimum.values())
+        """Smallest true horizontal distance in the air so far [m]; infinite before."""
+        return min(self.minimum.values(), default=math.inf)
 
     @property
     def all_down(self) -> bool:

@@ -23,6 +23,7 @@ from swarm_ctl.api.virtual_flight import VirtualFlight
 from swarm_ctl.cli.shared.options import runs_in
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.runtime.flying_runs import flying_run
+from swarm_ctl.runtime.station.ground_station import swarm_now
 from tests.system.pair import BARE
 from tests.unit.docs.pages import PAGES
 
@@ -189,7 +190,7 @@ def test_a_virtual_shape_is_dealt_by_where_agents_would_come_to_rest() -> None:
         swarm.wait(1.0)
         flight = swarm.flight
         assert isinstance(flight, VirtualFlight)
-        known = {agent.id: agent.stop_point_m for agent in flight._now().agents}
+        known = {agent.id: agent.stop_point_m for agent in swarm_now(flight.view()).agents}
         told = {agent.id: agent.state for agent in swarm.view().agents}
         true = flight.swarm.positions()
         for agent, state in told.items():

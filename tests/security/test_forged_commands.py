@@ -79,7 +79,9 @@ def test_a_shape_that_one_agent_alone_was_told_is_dropped() -> None:
     step = next(step for step in swarm.plan.steps if isinstance(step, FormStep))
     turned = replace(step, slots=(*step.slots[1:], step.slots[0]))
     forged = Command("f", "form", (), swarm.now, turned, swarm.plan.hash(), number=1)
-    flight._transports[4].deliver("swarm/test/station/x/command", encode(forged), swarm.now)
+    key = "swarm/test/station/x/command"
+    for inlet in flight._transports[4].inlets(key):
+        inlet.put(swarm.now, key, encode(forged))
     swarm.run(5.0)
     assert swarm.in_step(HOLD)
     swarm.fly()

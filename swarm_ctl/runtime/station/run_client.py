@@ -117,6 +117,11 @@ class RunClient:
     def _now(self) -> SwarmNow:
         return swarm_now(self._station.view())
 
+    def give(self, order: Order) -> SentCommand:
+        """Send an order; its answers come while the flight goes on. InputError as `order`."""
+        self._station.hear()
+        return self._station.order(order)
+
     def order(self, order: Order) -> SentCommand:
         """Send an order until every agent that is meant has answered, or for ten seconds. Agents
         that are gone (never heard since joining) are not waited for.

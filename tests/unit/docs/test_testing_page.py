@@ -29,7 +29,7 @@ def public(kind: type) -> dict[str, Any]:
 
 
 def test_the_page_has_every_call_with_its_arguments() -> None:
-    calls = {call("swarm", Fly.__call__), "flight.plan"}
+    calls = {call("swarm", Fly.__call__), "flight.plan", "flight.scenario"}
     for name, value in public(SwarmFlight).items():
         called = inspect.isfunction(value)
         calls.add(call(f"flight.{name}", value) if called else f"flight.{name}")
@@ -51,6 +51,19 @@ def test_the_example_of_the_page_passes(
     exec(blocks(PAGES / "testing.md")[0].text, written)  # noqa: S102 (the page is ours)
     (test,) = (value for name, value in written.items() if name.startswith("test_"))
     test(swarm)
+
+
+def test_the_scenario_of_the_page_flies(
+    swarm: Fly, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With the mission of the tutorial."""
+    monkeypatch.chdir(tmp_path)
+    Path("patrol.yaml").write_text(saved_files(PAGES / "tutorial.md")["patrol.yaml"])
+    Path("rough.yaml").write_text(saved_files(PAGES / "testing.md")["rough.yaml"])
+    (text,) = (b.text for b in blocks(PAGES / "testing.md") if "rough.yaml" in b.text)
+    written: dict[str, Any] = {}
+    exec(text, written)  # noqa: S102 (the page is ours)
+    written["test_a_rough_flight_ends_on_the_ground"](swarm)
 
 
 def test_every_call_and_field_has_a_docstring() -> None:

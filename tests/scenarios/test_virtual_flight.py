@@ -1,0 +1,81 @@
+"""What a test's author gets of a flight on the virtual clock: the verdict of `run`, orders in
+bursts, an observer, a bound, and what befalls a scenario."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import pytest
+
+from swarm_ctl.api.flight import FlightError, FlightResult, loaded
+from swarm_ctl.commands.parse import parse
+from swarm_ctl.errors import InputError, MissionError
+from swarm_ctl.testing.plugin import Fly
+from tests.system.running import HEXAGON, LOW
+from tests.unit.cli.test_validate import CHANGED
+
+SCENARIO = f"""
+version: 1
+mission: {LOW}
+seed: 3
+happens:
+  - {{at_s: 12, vehicle: {{agents: [1], set: {{SIM_MOTOR_STOP: 1}}}}}}
+"""
+
+
+def test_a_virtual_flight_is_judged(swarm: Fly) -> None:
+    """A vehicle that falls is a finding, as in a run; the truth is there; the same seed has the
+    same digest, another one another."""
+
+    def flown(seed: int | None) -> FlightResult:
+        return swarm(SCENARIO, virtual=True, seed=seed).finish()
+
+    run = flown(None)
+    assert run.summary is not None
+    assert run.truth is not None
+    assert run.summary.outcome == "failed"
+    assert "fell" in " ".join((run.summary.reason, *map(str, run.summary.findings)))
+    assert len(run.truth.time_s) > 100
+    assert run.digest == flown(3).digest != flown(4).digest
+
+
+def test_orders_in_one_tick(swarm: Fly) -> None:
+    """None of them waits: all go out before the next tick, and are answered later."""
+    flight = swarm(LOW, virtual=True)
+    flight.wait_step("form hexagon")
+    flight.wait_s(0.5)
+    sent = [flight.give(parse(line, flight.plan)) for line in ("hold @1", "hold @2", "hold @3")]
+    assert [order.acks for order in sent] == [{}, {}, {}]
+    began = flight.now
+    flight.wait_s(1.0)
+    assert all(order.accepted for order in sent)
+    assert [order.command.time_s for order in sent] == [began] * 3
+
+
+def test_an_observer_sees_each_tick_and_a_flight_has_a_bound(swarm: Fly) -> None:
+    flight = swarm(LOW, virtual=True)
+    times: list[float] = []
+    flight.watch(lambda seen: times.append(seen.now))
+    with pytest.raises(FlightError, match="did not end within 5 s: agents 1-3 did not"):
+        flight.finish(5.0)
+    assert flight.up == (1, 2, 3)
+    flight.finish()
+    assert flight.up == ()
+    steps = [b - a for a, b in itertools.pairwise(times)]
+    assert max(steps) == pytest.approx(flight.plan.tick_s)
+    assert times[-1] < flight.bound_s < 3600
+
+
+def test_what_run_refuses_is_refused(swarm: Fly, tmp_path: Path) -> None:
+    """A forecast under r_in; a scenario's real time, and what processes can't do."""
+    text = HEXAGON.read_text().replace("slots: nearest", "slots: fixed")
+    for old, new in CHANGED:
+        text = text.replace(old, new)
+    with pytest.raises(MissionError, match="are forecast"):
+        loaded(text, tmp_path)
+    with pytest.raises(InputError, match="a scenario flies in lockstep; allowed: no speedup"):
+        swarm(SCENARIO, speedup=5)
+    again = SCENARIO + "  - {at_s: 13, restart: [1]}\n"
+    with pytest.raises(InputError, match="allowed here: all but restart"):
+        swarm(again)
