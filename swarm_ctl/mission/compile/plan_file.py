@@ -32,9 +32,9 @@ _MOST_PROBLEMS: Final = 20
 """That are told: a file of other things has one for each of its bytes."""
 
 
-class PlanFile(BaseModel):
-    """What the file says. Strict: no unknown field, no silent conversion, in the plan's own
-    dataclasses as well."""
+class PlanAndFleet(BaseModel):
+    """What a plan file and a run's manifest both say. Strict: no unknown field, no silent
+    conversion, in the plan's own dataclasses as well."""
 
     model_config = ConfigDict(
         frozen=True,
@@ -55,11 +55,6 @@ class PlanFile(BaseModel):
     """The fleet's folder with the swarm's keys."""
     signing: Signing = Signing.OFF
 
-    @property
-    def name(self) -> str:
-        """As of `named_by_hash`."""
-        return named_by_hash(self.plan, Fleet(self.fleet, None, self.signing))
-
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if self.plan_hash != self.plan.fingerprint():
@@ -78,6 +73,28 @@ class PlanFile(BaseModel):
         return self
 
 
+class PlanFile(PlanAndFleet):
+    """What a plan file says."""
+
+    whole_hash: str = Field(pattern=r"^[0-9a-f]{16}$")
+    """The digits of `named_by_hash`: of fleet and signing, too, which `plan_hash` leaves out."""
+
+    @property
+    def name(self) -> str:
+        """As of `named_by_hash`."""
+        return named_by_hash(self.plan, Fleet(self.fleet, None, self.signing))
+
+    @model_validator(mode="after")
+    def _unchanged(self) -> Self:
+        found = self.name.rpartition("@")[2]
+        if self.whole_hash != found:
+            raise ValueError(
+                f"whole_hash is {self.whole_hash}, that of plan, fleet and signing is {found}: they"
+                " were changed after they were checked; allowed: a plan file as it was written"
+            )
+        return self
+
+
 def named_by_hash(plan: Plan, fleet: Fleet) -> str:
     """`hexagon@3fa9c1d2e4f60718`: a mission's name, and the digits of all that its agents act on:
     the plan, each agent's vehicle, endpoints and place, and signing. Not of the folder of keys,
@@ -91,6 +108,7 @@ def plan_to_json(plan: Plan, fleet: Fleet) -> str:
     file = PlanFile(
         plan=plan,
         plan_hash=plan.fingerprint(),
+        whole_hash=named_by_hash(plan, fleet).rpartition("@")[2],
         fleet=fleet.agents,
         trust=fleet.trust,
         signing=fleet.signing,

@@ -11,7 +11,7 @@ from typing import Any, Final
 from pydantic import AwareDatetime, Field
 
 from swarm_ctl.core.model.fleet import routers_of
-from swarm_ctl.mission.compile.plan_file import PlanFile
+from swarm_ctl.mission.compile.plan_file import PlanAndFleet
 from swarm_ctl.report.folder.files import read_model, write_model
 
 MANIFEST: Final = "run.json"
@@ -27,7 +27,7 @@ _PACKAGES: Final = (
 """Their versions stand in the manifest."""
 
 
-class Manifest(PlanFile):
+class Manifest(PlanAndFleet):
     """The manifest of one run: its plan, its fleet with the endpoints in use, and its start."""
 
     mission: str

@@ -132,6 +132,31 @@ def test_a_plan_that_was_edited_does_not_fly() -> None:
         plan_from_json(text)
 
 
+@pytest.mark.parametrize(
+    ("was", "changed"),
+    [
+        ('"sysid": 1,', '"sysid": 101,'),
+        ('"agent_sysid": 250', '"agent_sysid": 251'),
+        ('"autopilot": "px4"', '"autopilot": "ardupilot"'),
+        ('"endpoint": null', '"endpoint": "udpout:10.9.9.9:14550"'),
+        ('"mesh": null', '"mesh": "tcp/10.9.9.9:7447"'),
+        ('"signing": "off"', '"signing": "required"'),
+    ],
+)
+def test_a_fleet_that_was_edited_does_not_fly(was: str, changed: str) -> None:
+    """An agent speaks to the endpoints of its file, with its system ids: the hash is of them,
+    too. It was of the plan alone."""
+    text = plan_to_json(PLAN, FLEET)
+    assert was in text
+    with pytest.raises(InputError, match=r"whole_hash is .*, that of plan, fleet and signing is "):
+        plan_from_json(text.replace(was, changed, 1))
+
+
+def test_the_folder_of_keys_is_each_computers_own() -> None:
+    text = plan_to_json(PLAN, FLEET).replace('"trust": null', '"trust": "trust/mine"')
+    assert plan_from_json(text).trust == "trust/mine"
+
+
 @pytest.mark.parametrize("text", ["", "{", "null", "[]", '{"plan": 3}'])
 def test_what_is_no_plan_is_refused(text: str) -> None:
     with pytest.raises(InputError, match=r"^plan: "):
