@@ -89,9 +89,10 @@ class Framer:
             if size > 0:
                 if at > done:
                     self._skip()
-                if self._unknown or _message_id(data, at) in _CRC_EXTRA:
+                frame = _frame(data[at : at + size])
+                if self._unknown or frame.message_id in _CRC_EXTRA:
                     self._skipping = False
-                    frames.append(_frame(data[at : at + size]))
+                    frames.append(frame)
                 else:
                     self._skip()
                 done = position = at + size

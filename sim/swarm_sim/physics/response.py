@@ -155,8 +155,8 @@ class ArdupilotResponse:
     def _overspeed(self, down: Array) -> Array | float:
         """Factor on vertical acceleration and jerk: 1 within the speed limits, at most what the
         rotors lift."""
-        if down.max() <= self.descent_mps and down.min() >= -self.climb_mps:
-            return 1.0
+        if np.vdot(down, down) <= min(self.descent_mps, self.climb_mps) ** 2:
+            return 1.0  # by one cheap sum, as nearly always
         over = np.maximum(down / self.descent_mps, -down / self.climb_mps)
         faster: Array = np.where(
             over > 1.0, np.minimum(2.0 * over, 0.7 * self.lift_mps2 / self.climb_mps2), 1.0

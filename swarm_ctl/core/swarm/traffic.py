@@ -104,9 +104,10 @@ class Traffic:
         if not followed:
             return [True] * len(at)
         unlike, seen = [True] * len(at), []
-        for k, j in _near(at, [_carried_on(peer, peer.age(now)) for peer in followed]):
+        ages = [peer.age(now) for peer in followed]
+        for k, j in _near(at, list(map(_carried_on, followed, ages))):
             peer, report = followed[j], reports[k]
-            stops = peer.stop_point + peer.setpoint * min(peer.age(now), predicted_s(peer))
+            stops = peer.stop_point + peer.setpoint * min(ages[j], predicted_s(peer))
             off_m = abs(at[k] + report.stops - stops)
             if off_m <= self._may_differ_m(report.speed, now - report.contact.time_s):
                 unlike[k] = False
