@@ -341,7 +341,7 @@ class Again:
 
 
 LOST = (Policy.LAND, Policy.HOLD, Policy.CONTINUE, Policy.RETURN)
-TOLD = (0, 4, 18)
+TOLD = (2, 4, 18)
 """It ends on the ground; it takes off and joins; it joins in the air. Of all 60: 26, 21, 4, and 9
 that see their vehicles land."""
 

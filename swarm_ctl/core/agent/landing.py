@@ -22,6 +22,7 @@ from swarm_ctl.core.model.vehicle import (
     ReleaseGoal,
     StandbyGoal,
     TerminateGoal,
+    Vector3,
     YieldGoal,
 )
 
@@ -34,6 +35,11 @@ room."""
 WANDERS_M: Final = 1.0
 """A vehicle that lands leaves its place by less: real PX4s brake late and drift. Two in the air
 make room for both before they land, whatever the unit is."""
+STANDING_WANDERS_M: Final = 0.75
+"""... by less where it stood before: two simulated PX4s that did came nearer by 0.94 m at most. A
+small formation that stands lands in its places."""
+_STANDING_MPS: Final = 0.6
+"""A real PX4 that stands says up to 0.5 m/s."""
 _BESIDE = 0.2
 """So far from r_in to r_out: room for what the stop point does not know, and within the filter's
 own keep-out (0.35)."""
@@ -62,7 +68,11 @@ class Landing:
         self._way_back = way_back
         self._return_at_most_s = math.inf
         self._deserted_since: float | None = None
-        self._room_m = self._plan.law.r_in * self._plan.unit_m + 2.0 * WANDERS_M
+        r_in_m = self._plan.law.r_in * self._plan.unit_m
+        self._room_m = r_in_m + 2.0 * WANDERS_M
+        self._standing_room_m = r_in_m + 2.0 * STANDING_WANDERS_M
+        self._stood: frozenset[int] | None = None
+        """The peers that stood with this agent as its landing began."""
         self._aside_s = -math.inf
         """When it last made room before it landed."""
         self._place_m: Point | None = None
@@ -217,8 +227,25 @@ class Landing:
 
     def _crowded(self, tick: Tick) -> bool:
         """A vehicle in the air is so near that the two may come under `r_in` while both land."""
-        near = tick.peers.near(complex(*self._context.controller.stop_point_m), self._room_m)
-        return any(not other.down and (other.followed or other.state is None) for other in near)
+        own = complex(*self._context.controller.stop_point_m)
+        if self._stood is None:
+            self._stood = self._standing(tick)
+        for other in tick.peers.near(own, self._room_m):
+            if other.down or not (other.followed or other.state is None):
+                continue
+            stood = other.id in self._stood
+            if not stood or abs(own - other.stop_point) < self._standing_room_m:
+                return True
+        return False
+
+    def _standing(self, tick: Tick) -> frozenset[int]:
+        """The peers that stand as this agent does, as a planned landing begins. Who had to brake
+        for an order wanders by more, also when it is slow again."""
+        fix = tick.fix
+        ordered = self._context.trigger is not None
+        if ordered or fix is None or not _stands(fix.velocity_ned_mps):
+            return frozenset()
+        return frozenset(s.agent for s in tick.peers.fresh() if _stands(s.velocity_ned_mps))
 
     def _hold(self, tick: Tick, *, ground: bool = False, room_m: float = 0.0) -> Goal:
         self._context.phase = Phase.HOLD
@@ -261,3 +288,7 @@ class Landing:
         patience_s = self._plan.policies.agent_lost_after_s
         late = tick.now - self._deserted_since > patience_s
         return "no other agent is heard" if late else ""
+
+
+def _stands(velocity_ned_mps: Vector3) -> bool:
+    return math.hypot(*velocity_ned_mps[:2]) < _STANDING_MPS

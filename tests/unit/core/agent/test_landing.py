@@ -10,7 +10,7 @@ import pytest
 
 from swarm_ctl.core.agent.failsafes import FailsafeTrigger, failed
 from swarm_ctl.core.agent.flight_context import FlightContext
-from swarm_ctl.core.agent.landing import WANDERS_M, Landing
+from swarm_ctl.core.agent.landing import STANDING_WANDERS_M, WANDERS_M, Landing
 from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Outcome, Phase
@@ -239,17 +239,46 @@ def test_a_landing_elsewhere_is_told_and_has_failed(home: bool, what: str) -> No
     assert own.reason == f"the vehicle landed 3.1 m from {what}"
 
 
+ROOM = {"wide": 2.0 * WANDERS_M, "narrow": 2.0 * STANDING_WANDERS_M}
+
+
+def beside(room_m: float, speed_mps: float = 0.0) -> Any:
+    """A peer in the air, so far beyond r_in."""
+    of = plan()
+    at, moves = of.law.r_in * of.unit_m + room_m, (0.0, speed_mps, 0.0)
+    return peer(2, position_ned_m=(at, 0.0, -8.0), stop_point_m=(at, 0.0), velocity_ned_mps=moves)
+
+
 def test_two_in_the_air_make_room_before_they_land() -> None:
     """For what both may wander, in metres, whatever the unit is; not for ever."""
-    flight = Flight()
-    r_in_m = flight.context.plan.law.r_in * flight.context.plan.unit_m
-    at = r_in_m + 2.0 * WANDERS_M - 0.1
-    near = peer(2, position_ned_m=(at, 0.0, -8.0), stop_point_m=(at, 0.0))
+    flight, near = Flight(), beside(ROOM["wide"] - 0.1)
     goal = flight.at(3.5, near, peer(3))
     assert isinstance(goal, FlyGoal)
     assert goal.velocity_ned_mps[0] < -0.1
     assert isinstance(flight.at(9.9, near, peer(3)), FlyGoal)
     assert isinstance(flight.at(13.1, near, peer(3)), LandGoal)
+
+
+@pytest.mark.parametrize(
+    ("room_m", "speed_mps", "goal"),
+    [
+        (ROOM["narrow"] + 0.1, 0.0, LandGoal),
+        (ROOM["narrow"] - 0.1, 0.0, FlyGoal),
+        (ROOM["narrow"] + 0.1, 1.0, FlyGoal),
+        (ROOM["wide"] + 0.1, 1.0, LandGoal),
+    ],
+)
+def test_a_small_formation_that_stands_lands_in_its_places(
+    room_m: float, speed_mps: float, goal: type[Goal]
+) -> None:
+    """In a planned `land` two that stand need less room: the inner ones of a grid were pushed out
+    of it by metres. A peer that moved as the landing began needs all of it, also once it stands."""
+    flight = Flight()
+    flight.context.trigger, flight.context.progress.started_s = None, NOW
+    for later_s, moves_mps in ((0.1, speed_mps), (0.2, 0.0)):
+        one = tick(beside(room_m, moves_mps), peer(3), now=NOW + later_s)
+        flight.context.controller.locate(fix(), one.now)
+        assert isinstance(flight.landing.land(one), goal)
 
 
 # --- the way back ---
