@@ -263,7 +263,7 @@ def test_two_in_the_air_make_room_before_they_land() -> None:
     ("room_m", "speed_mps", "goal"),
     [
         (ROOM["narrow"] + 0.1, 0.0, LandGoal),
-        (ROOM["narrow"] - 0.1, 0.0, FlyGoal),
+        (ROOM["narrow"] - 0.5, 0.0, FlyGoal),
         (ROOM["narrow"] + 0.1, 1.0, FlyGoal),
         (ROOM["wide"] + 0.1, 1.0, LandGoal),
     ],
