@@ -194,7 +194,7 @@ def constrains(
         distance: from the own stop point to its.
         margins: lengths and speeds.
         of: `MANY` for arrays.
-        reach: less than `margins.reach`, where less is unsure.
+        reach: `margins.reach`, asked for once, or less where less is unsure.
     """
     grows_s = of.where(other.fresh & other.yields, other.age_at_most_s, _GROWS_S)
     flown = abs(other.setpoint) * _flown_s(other, of)

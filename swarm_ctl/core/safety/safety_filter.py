@@ -106,10 +106,11 @@ class SafetyFilter:
         if not self._plan.safety.filter:
             return wish
         self._ticks += 1
+        margins, reach = self._margins, self._margins.reach
         near = [
-            (other, apart)
+            (other, own - other.stop_point)
             for other in self._near(snapshot, own)
-            if constraints.constrains(other, abs(apart := own - other.stop_point), self._margins)
+            if constraints.constrains(other, abs(own - other.stop_point), margins, reach=reach)
         ]
         moving = formation.velocity
         keep_outs = self._keep_outs(near, formation.key, moving)
