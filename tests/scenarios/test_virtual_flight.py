@@ -4,14 +4,20 @@ bursts, an observer, a bound, and what befalls a scenario."""
 from __future__ import annotations
 
 import itertools
+from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import pytest
+import yaml
 
 from swarm_ctl.api.flight import FlightError, FlightResult, loaded
+from swarm_ctl.api.process_flight import ProcessFlight
+from swarm_ctl.api.virtual_flight import VirtualFlight
 from swarm_ctl.commands.parse import parse
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.testing.plugin import Fly
+from swarm_ctl.virtual.scenario import scenario_of
 from tests.system.running import HEXAGON, LOW
 from tests.unit.cli.test_validate import CHANGED
 
@@ -79,3 +85,22 @@ def test_what_run_refuses_is_refused(swarm: Fly, tmp_path: Path) -> None:
     again = SCENARIO + "  - {at_s: 13, restart: [1]}\n"
     with pytest.raises(InputError, match="allowed here: all but restart"):
         swarm(again)
+
+
+@pytest.mark.lockstep
+@pytest.mark.timeout(120)
+def test_a_scenario_that_a_test_flies_twice(tmp_path: Path) -> None:
+    """The mission stands in the scenario: a test's processes leave the virtual truth."""
+    inline = yaml.safe_load(SCENARIO) | {"mission": yaml.safe_load(LOW.read_text())}
+    scenario, mission = scenario_of(yaml.safe_dump(inline))
+    one = VirtualFlight(mission, scenario=scenario).finish()
+    processes = ["--no-report", "--no-tlog"]
+    with closing(
+        ProcessFlight(mission, tmp_path, None, arguments=processes, scenario=scenario)
+    ) as flight:
+        other = flight.finish()
+    assert one.truth is not None
+    assert other.truth is not None
+    assert len(one.truth.position_ned_m) > 100
+    assert np.array_equal(one.truth.position_ned_m, other.truth.position_ned_m)
+    assert one.outcomes == other.outcomes
