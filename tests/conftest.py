@@ -94,10 +94,10 @@ def _waits_for_the_machine(item: pytest.Item) -> bool:
 
 
 def _wanted(item: pytest.Item, config: pytest.Config) -> bool:
-    """Whether this is no long row, or the command line has its very id."""
+    """Whether this is no long row and no campaign, or the command line has its very id."""
     ids = [argument for argument in config.args if "::" in argument]
     named = any(item.nodeid.endswith(name) or name.endswith(item.nodeid) for name in ids)
-    return named or "long" not in item.keywords
+    return named or not item.keywords.keys() & {"long", "fuzz"}
 
 
 def _group(item: pytest.Item) -> str:

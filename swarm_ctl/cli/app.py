@@ -37,6 +37,7 @@ from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.gcs_option import with_port
 from swarm_ctl.cli.shared.system import FLYING, GROUND_ALONE, lacks, refuse_without
+from swarm_ctl.cli.studies.fuzz import fuzz
 from swarm_ctl.cli.studies.paper import paper
 from swarm_ctl.cli.studies.study import study
 from swarm_ctl.errors import InputError, SwarmError
@@ -51,7 +52,7 @@ app = typer.Typer(
 
 
 _COMMANDS: Final[dict[str, tuple[Callable[..., None], ...]]] = {
-    "ground": (run, validate, plan, station, send, replay, report, compare),
+    "ground": (run, validate, plan, station, send, replay, report, compare, fuzz),
     "": (agent, link, router, sim, measure, doctor, schema, keys),
     "study": (study, paper),
 }

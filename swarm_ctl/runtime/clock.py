@@ -39,6 +39,11 @@ def wall_s() -> float:
     return time.monotonic()
 
 
+def cpu_s() -> float:
+    """What this process has computed so far [s]."""
+    return time.process_time()
+
+
 def pause(wall_seconds: float) -> None:
     """Sleep on the wall clock."""
     time.sleep(wall_seconds)

@@ -1,0 +1,214 @@
+"""Flies drawn scenarios by the thousand, on all cores, and keeps what they broke.
+
+A campaign has a folder: `flights.jsonl` has a line for each flight, so the same command goes on
+where one was ended; `found/` has a scenario and a test for each thing that was found.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import multiprocessing
+import os
+import re
+import signal
+import traceback
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+from swarm_ctl.errors import InputError
+from swarm_ctl.fuzz.coverage import Cell, Coverage, cells_of
+from swarm_ctl.fuzz.draw import draw
+from swarm_ctl.fuzz.invariants import Broken, Invariant, broken
+from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.runtime.clock import cpu_s, wall_s
+from swarm_ctl.signals import deaf_children, deaf_tracker, hears
+from swarm_ctl.virtual.scenario import Scenario
+from swarm_ctl.virtual.scenario_flight import FlownScenario, fly_scenario
+
+FLIGHTS: Final = "flights.jsonl"
+FOUND: Final = "found"
+BATCH: Final = 100
+"""What was met so far is looked at before each batch; so no flight depends on how many processes
+fly."""
+_TWICE: Final = 50
+"""One in so many is flown twice: the same seed has the same bytes."""
+_LONGEST: Final = 2000
+"""Characters of a traceback."""
+
+
+def fly(scenario: Scenario, mission: LoadedMission) -> tuple[FlownScenario | None, list[Broken]]:
+    """Fly a scenario, and what it broke; None: it raised an error."""
+    try:
+        flown = fly_scenario(scenario, mission)
+        return flown, broken(flown)
+    except Exception:  # what is looked for: an error of any kind
+        words = traceback.format_exc()[-_LONGEST:]
+        return None, [Broken(Invariant.RAISES, words)]
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """One line of the journal."""
+
+    number: int
+    outcome: str
+    flown_s: float
+    """Mission time."""
+    cpu_s: float
+    cells: tuple[Cell, ...]
+    broken: tuple[Broken, ...]
+
+    def line(self) -> str:
+        """As JSON."""
+        found = [[each.invariant.name, each.text] for each in self.broken]
+        values = {
+            "number": self.number,
+            "outcome": self.outcome,
+            "flown_s": self.flown_s,
+            "cpu_s": self.cpu_s,
+            "cells": [list(cell) for cell in self.cells],
+            "broken": found,
+        }
+        return json.dumps(values, separators=(",", ":"))
+
+    @classmethod
+    def of(cls, line: str) -> Flight:
+        """ValueError, KeyError or TypeError where the line is none."""
+        values = json.loads(line)
+        cells = tuple(Cell(*cell) for cell in values["cells"])
+        found = tuple(Broken(Invariant[name], text) for name, text in values["broken"])
+        return cls(
+            values["number"], values["outcome"], values["flown_s"], values["cpu_s"], cells, found
+        )
+
+
+@dataclass(slots=True)
+class Campaign:
+    """Flights from one seed."""
+
+    seed: int
+    folder: Path
+    mission: dict[str, Any] | None = None
+    """A user's own, as data."""
+    done: dict[int, Flight] = field(default_factory=dict)
+
+    def load(self) -> None:
+        """Take up what was flown before. InputError where the folder is another campaign's."""
+        path = self.folder / FLIGHTS
+        if not path.exists():
+            self.folder.mkdir(parents=True, exist_ok=True)
+            path.write_text(json.dumps(self._head()) + "\n", encoding="utf-8")
+            return
+        head, *lines = path.read_text(encoding="utf-8").splitlines() or [""]
+        if head != json.dumps(self._head()):
+            raise InputError(
+                f"{path}: is of another seed, mission or version; allowed: another --out"
+            )
+        for line in lines:
+            try:
+                flight = Flight.of(line)
+            except (ValueError, KeyError, TypeError):
+                continue  # cut off while it was written: flown again
+            self.done[flight.number] = flight
+
+    def _head(self) -> dict[str, Any]:
+        return {"version": 1, "seed": self.seed, "mission": self.mission}
+
+    def fly(
+        self, flights: int, processes: int | None = None, until_s: float = float("inf")
+    ) -> Iterator[Flight]:
+        """Fly those that are missing of so many, until this time by the wall clock of the process;
+        each as it is done."""
+        workers = processes or os.cpu_count() or 1
+        with _pool(workers) as each, (self.folder / FLIGHTS).open("a", encoding="utf-8") as file:
+            for first in range(0, flights, BATCH):
+                numbers = range(first, min(first + BATCH, flights))
+                missing = [number for number in numbers if number not in self.done]
+                if missing and wall_s() >= until_s:
+                    return
+                wanted = self.coverage(first)
+                for flight in each(partial(_flight, self.seed, wanted, self.mission), missing):
+                    file.write(flight.line() + "\n")
+                    file.flush()
+                    self.done[flight.number] = flight
+                    yield flight
+
+    def coverage(self, before: int | None = None) -> Coverage:
+        """What the flights with a lower number have met; None: all."""
+        flights = (f for n, f in self.done.items() if before is None or n < before)
+        return Coverage(cell for flight in flights for cell in flight.cells)
+
+    def found(self) -> dict[tuple[Invariant, str], list[Flight]]:
+        """The flights that broke something, by what it was: its words without their figures."""
+        kinds: dict[tuple[Invariant, str], list[Flight]] = {}
+        for _, flight in sorted(self.done.items()):
+            for each in flight.broken[:1]:
+                kinds.setdefault((each.invariant, _kind(each.text)), []).append(flight)
+        return kinds
+
+    def scenario(self, number: int) -> tuple[Scenario, LoadedMission]:
+        """The scenario of a flight again."""
+        return draw(self.seed, number, self.coverage(number - number % BATCH), self.mission)
+
+
+def _kind(text: str) -> str:
+    return re.sub(r"[-\d.]+", "#", text.strip().splitlines()[-1])
+
+
+def _flight(seed: int, wanted: Coverage, of: dict[str, Any] | None, number: int) -> Flight:
+    began_s = cpu_s()
+    scenario, mission = draw(seed, number, wanted, of)
+    flown, found = fly(scenario, mission)
+    if flown is None:
+        return Flight(number, "raised", 0.0, cpu_s() - began_s, (), tuple(found))
+    if number % _TWICE == 0 and not found:
+        again, _ = fly(scenario, mission)
+        if again is None or again.digest != flown.digest:
+            found = [Broken(Invariant.SAME, "flown twice, it was not the same")]
+    outcome, cells = str(flown.summary.outcome), tuple(cells_of(flown.met))
+    took_s = round(cpu_s() - began_s, 3)
+    return Flight(number, outcome, flown.end_s, took_s, cells, tuple(found))
+
+
+@contextlib.contextmanager
+def _pool(workers: int) -> Iterator[Callable[..., Iterator[Flight]]]:
+    """A map over so many processes; over this one alone where there is one."""
+    if workers == 1:
+        yield map
+        return
+    context = multiprocessing.get_context("spawn")
+    deaf_tracker()
+    with deaf_children():
+        pool = context.Pool(workers, hears, (signal.SIGTERM,))
+    with pool:  # ends its workers by SIGTERM
+        yield pool.imap_unordered
+
+
+def write_found(folder: Path, name: str, text: str, scenario: str) -> tuple[Path, Path]:
+    """The scenario's file and a test of it, in the campaign's folder."""
+    where = folder / FOUND
+    where.mkdir(exist_ok=True)
+    path, test = where / f"{name}.yaml", where / f"test_{name.replace('-', '_')}.py"
+    said = "".join(f"# {line}\n" for line in text.strip().splitlines()[-3:])
+    path.write_text(said + scenario, encoding="utf-8")
+    test.write_text(_TEST.format(text=text.strip().splitlines()[-1], name=name), encoding="utf-8")
+    return path, test
+
+
+_TEST: Final = '''"""{text}"""
+
+from pathlib import Path
+
+from swarm_ctl.fuzz.invariants import broken
+from swarm_ctl.virtual.scenario import load_scenario
+from swarm_ctl.virtual.scenario_flight import fly_scenario
+
+
+def test_it_is_mended() -> None:
+    scenario = Path(__file__).with_name("{name}.yaml")
+    assert broken(fly_scenario(*load_scenario(scenario))) == []
+'''

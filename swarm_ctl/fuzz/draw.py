@@ -1,0 +1,541 @@
+"""Scenarios that are drawn from a seed: short flights of few agents, inside the envelope of
+docs/pages/safety.md, and what may befall them.
+
+A scenario depends on the seed, its number and what was met before (`Coverage`) alone. Numbers have
+few digits, because people read them. Lengths are the law's units until the end.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, Final, TypeAlias, TypeVar, get_args
+
+import numpy as np
+
+from swarm_ctl.core.law.planned_formation import planned_formations
+from swarm_ctl.core.model.plan import Policy, TakeoffStep
+from swarm_ctl.errors import InputError, MissionError
+from swarm_ctl.fuzz.coverage import NOTHING, WHATS, Cell, Coverage
+from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
+from swarm_ctl.mission.compile.loader import LoadedMission, loads
+from swarm_ctl.mission.input import yaml_file
+from swarm_ctl.mission.sections.simulation_section import Pilot
+from swarm_ctl.virtual.scenario import STATION, Scenario, scenario_of
+
+T = TypeVar("T")
+Data: TypeAlias = dict[str, Any]
+Point: TypeAlias = tuple[float, float]
+
+_ORIGINS: Final = ((-35.363262, 149.165237, 584.0), (47.4, 8.55, 450.0))
+_ACTIONS: Final = tuple(policy.value for policy in Policy)
+_R: Final = 4.5
+_APART: Final = 1.26
+"""Of slots, by the envelope, in r_out."""
+_TAKEOFF_M: Final = 4.0
+"""Between starts, besides r_in, as docs/pages/safety.md advises."""
+
+
+class Dice:
+    """The same words give the same throws, on each machine."""
+
+    def __init__(self, *words: int) -> None:
+        self._random = np.random.default_rng(words)
+
+    def chance(self, share: float) -> bool:
+        """True in this share of throws."""
+        return bool(self._random.random() < share)
+
+    def pick(self, these: Sequence[T], weight: Callable[[T], float] = lambda _: 1.0) -> T:
+        """One of them, each as often as it weighs."""
+        weights = np.array([weight(each) for each in these], dtype=np.float64)
+        ends = np.cumsum(weights)
+        at = int(np.searchsorted(ends, self._random.random() * ends[-1], side="right"))
+        return these[min(at, len(these) - 1)]
+
+    def some(self, these: Sequence[T], count: int) -> list[T]:
+        """So many of them, in their order."""
+        places = self._random.permutation(len(these))[:count]
+        return [these[int(k)] for k in sorted(places)]
+
+    def shuffled(self, these: Sequence[T]) -> list[T]:
+        """All of them in another order."""
+        return [these[int(k)] for k in self._random.permutation(len(these))]
+
+    def number(self, low: float, high: float, digits: int = 2) -> float:
+        """Evenly between the two, which are among them."""
+        drawn = low + (high - low) * float(self._random.random())
+        return min(max(round(drawn, digits), low), high)
+
+    def whole(self, low: int, high: int) -> int:
+        """Evenly from low to high, both among them."""
+        return int(self._random.integers(low, high + 1))
+
+    def signed(self, low: float, high: float, digits: int = 2) -> float:
+        """A number of either sign whose size is between the two."""
+        size = self.number(low, high, digits)
+        return size if self.chance(0.5) else -size
+
+
+_FAIR: Final = 0.12
+"""Of all flights: nothing happens in them, so the forecast has to hold."""
+_TRIES: Final = 200
+_PILOTS: Final = get_args(Pilot)
+
+
+def draw(
+    seed: int, number: int, wanted: Coverage, of: Data | None = None
+) -> tuple[Scenario, LoadedMission]:
+    """The scenario of this number, and its mission.
+
+    Args:
+        seed: of all scenarios.
+        number: from 0.
+        wanted: what was met before: what was not is drawn more often.
+        of: a user's mission, as data; weather, mesh and happenings alone are drawn around it.
+
+    Raises:
+        InputError: none of many tries may fly: the mission itself is refused.
+    """
+    why = ""
+    for attempt in range(_TRIES):
+        dice = Dice(seed, number, attempt)
+        try:
+            data = _scenario(dice, wanted, f"drawn-{seed}-{number}", of)
+            scenario, mission = scenario_of(yaml_file.write(data))
+            refuse_too_close(mission, forecast(mission.plan))
+        except (InputError, MissionError) as error:  # drawn outside of what is allowed: again
+            why = str(error)
+        else:
+            return scenario, mission
+    raise InputError(f"no scenario of {_TRIES} may fly: {why}")
+
+
+def _scenario(dice: Dice, wanted: Coverage, name: str, of: Data | None) -> Data:
+    fair = dice.chance(_FAIR)
+    if of is None:
+        mission = _mission(dice, wanted, fair=fair)
+        _fence(mission, dice, fair=fair)
+    else:
+        mission = dict(of)
+    scenario: Data = {"version": 1, "name": name, "mission": mission, "seed": dice.whole(0, 10**6)}
+    if fair:
+        return scenario
+    ids = sorted(agent["id"] for agent in mission["agents"])
+    if dice.chance(0.5) and "simulation" not in mission:
+        mission["simulation"] = {"since": "start", "parameters": _weather(dice)}
+    if dice.chance(0.35):
+        quality = {
+            "loss": dice.pick((0.0, 0.05, 0.2)),
+            "delay_s": dice.pick((0.0, 0.05, 0.1)),
+            "jitter_s": dice.pick((0.0, 0.05, 0.1)),
+            "duplicate": dice.pick((0.0, 0.1)),
+        }
+        scenario["mesh"] = {name: value for name, value in quality.items() if value}
+    if dice.chance(0.12):
+        ahead_s, drift = dice.signed(0.1, 50, 1), dice.pick((0.0, 1e-4, -5e-4))
+        scenario["clocks"] = [{"agents": _some(dice, ids), "ahead_s": ahead_s, "drift": drift}]
+    steps = [next(iter(step)) if isinstance(step, dict) else step for step in mission["steps"]]
+    shapes = [*mission.get("shapes", {})]
+    scenario["happens"] = _happenings(dice, wanted, ids, steps, shapes)
+    return scenario
+
+
+def _weather(dice: Dice) -> Data:
+    wind = {"SIM_WIND_SPD": dice.number(1, 6, 1), "SIM_WIND_DIR": dice.whole(0, 359)}
+    gusts = {"SIM_WIND_SPD": 2.0, "SIM_WIND_GUST": dice.number(0.2, 1.3, 1)}
+    noise = {"SIM_GPS_NOISE": dice.number(0.05, 0.3)}
+    drift = {"SIM_GPS_DRIFT": dice.number(0.1, 0.4)}
+    return dice.pick((wind, gusts, noise, drift, wind | noise))
+
+
+# --- what happens ---
+
+
+def _happenings(
+    dice: Dice, wanted: Coverage, ids: list[int], steps: list[str], shapes: list[str]
+) -> list[Data]:
+    """Up to five, at any time of a short flight; some right behind another."""
+    found: list[Data] = []
+    at_s, after = 0.0, NOTHING
+    for _ in range(dice.pick((1, 1, 2, 2, 3, 3, 4, 5))):
+        burst = bool(found) and dice.chance(0.3)
+        at_s = round(at_s + dice.number(0.1, 3, 1), 1) if burst else dice.number(1, 70, 1)
+        # which step that will be in is not known yet: about
+        step = steps[min(int(at_s / 70 * len(steps)), len(steps) - 1)]
+        what = dice.pick(WHATS, lambda each: wanted.wants(Cell(step, after, each)))  # noqa: B023
+        found += _happening(dice, what, at_s, ids, shapes)
+        if found and not found[-1].get("order"):
+            after = what.split()[0]
+    return found
+
+
+def _happening(dice: Dice, what: str, at_s: float, ids: list[int], shapes: list[str]) -> list[Data]:
+    kind, _, which = what.partition(" ")
+    happening: Data = {"at_s": at_s}
+    match kind:
+        case "order":
+            happening["order"] = _order(dice, which, ids, shapes)
+        case "kill":
+            happening["kill"] = _some(dice, ids)
+        case "restart":
+            agents = [dice.pick(ids)]
+            dead_s = dice.pick((0.5, 1.0, 2.0, 5.0, 12.0))
+            killed = {"at_s": max(0.1, round(at_s - dead_s, 1)), "kill": agents}
+            return [killed, happening | {"restart": list(agents)}]
+        case "stop":
+            happening |= {"stop": _some(dice, ids), "for_s": dice.number(0.2, 12, 1)}
+        case "station":
+            happening |= {"station": "gone"} | _for_s(dice, 15)
+        case "part":
+            if len(ids) < 2:
+                return []
+            one = dice.some(ids, dice.whole(1, len(ids) - 1))
+            other: list[int | str] = [agent for agent in ids if agent not in one]
+            other += [STATION] if dice.chance(0.5) else []
+            part = {"one": one, "other": other, "one_way": dice.chance(0.3)}
+            happening |= {"part": part, "for_s": dice.number(0.3, 15, 1)}
+        case "pilot":
+            happening["pilot"] = {"agents": _some(dice, ids), "mode": which}
+        case "vehicle":
+            happening["vehicle"] = {"agents": _some(dice, ids), "set": _fault(dice, which)}
+            happening |= {} if which == "REBOOT" else _for_s(dice, 20)
+        case "clock":
+            jump_s = dice.pick((0.3, 0.8, 2.0, 20.0, 3600.0))
+            jump_s = jump_s if dice.chance(0.5) else -jump_s
+            happening["clock"] = {"agents": _some(dice, ids), "ahead_s": jump_s}
+        case _:
+            says: Data = {"agents": _some(dice, ids)}
+            if dice.chance(0.5):
+                says["moved_m"] = [dice.signed(1, 30, 1), dice.signed(1, 30, 1)]
+            else:
+                field = dice.pick(("step", "override", "gains_tag", "stage"))
+                says["set"] = {field: dice.pick((0, 1, 2, 3, 9, 255, 65535))}
+            happening |= {"says": says, "for_s": dice.number(0.2, 20, 1)}
+    return [happening]
+
+
+def _order(dice: Dice, kind: str, ids: list[int], shapes: list[str]) -> str:
+    some = "" if dice.chance(0.55) else " @" + ",".join(map(str, _some(dice, ids)))
+    match kind:
+        case "form":
+            return f"form {dice.pick(shapes)}" if shapes else f"hold{some}"
+        case "move":
+            north, east = dice.signed(1, 15, 0), dice.signed(1, 15, 0)
+            return f"move {north:g} {east:g}"
+        case "tune":
+            return dice.pick(("tune h=0.1", "tune h=0.15 delta_a=0.2", "tune plan"))
+        case "expel" | "readmit":
+            return f"{kind} {dice.pick(ids)}"
+        case "next":
+            return "next"
+    return f"{kind}{some}"
+
+
+def _fault(dice: Dice, name: str) -> Data:
+    """A value of a vehicle's parameter with which something goes wrong."""
+    value: float = {
+        "BATT_DRAIN": dice.pick((50.0, 400.0)),
+        "DELAY": dice.number(0.05, 0.6),
+        "GPS_ACC": dice.pick((1.2, 4.0)),
+        "GPS_DRIFT": dice.number(0.2, 3.0, 1),
+        "GPS_JUMP_D": dice.signed(1, 6, 0),
+        "GPS_JUMP_E": dice.signed(1, 6, 0),
+        "GPS_JUMP_N": dice.signed(1, 6, 0),
+        "GPS_NOISE": dice.number(0.1, 1.5, 1),
+        "GPS_SATS": 4,
+        "LOSS": dice.whole(5, 80),
+        "VEL_NOISE": dice.number(0.1, 1.0, 1),
+        "WIND_DIR": dice.whole(0, 359),
+        "WIND_GUST": dice.number(0.5, 4, 1),
+        "WIND_SPD": dice.number(2, 16, 1),
+    }.get(name, 1)
+    return {f"SIM_{name}": value}
+
+
+def _for_s(dice: Dice, most_s: float) -> Data:
+    return {"for_s": dice.number(0.3, most_s, 1)} if dice.chance(0.6) else {}
+
+
+def _some(dice: Dice, ids: Sequence[int]) -> list[int]:
+    """One of them mostly, seldom all."""
+    most = len(ids)
+    count = dice.pick((1, 1, 1, 1, min(2, most), min(2, most), most))
+    return dice.some(ids, count)
+
+
+# --- the mission ---
+
+
+def _mission(dice: Dice, wanted: Coverage, *, fair: bool) -> Data:
+    """A mission's data; `validate` may still refuse it."""
+    count = dice.pick((2, 3, 4, 5, 6, 7, 8), lambda n: {2: 34, 3: 30, 4: 20}.get(n, 4))
+    unit_m = dice.pick((1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 5.0))
+    r_in = dice.number(max(0.4, 1.0 / unit_m), 0.75)
+    spacing = _APART * 1.5 + dice.pick((0.02, 0.1, 0.4))
+    mission: Data = {
+        "version": 1,
+        "name": "drawn",
+        "origin": dict(zip(("lat_deg", "lon_deg", "alt_m"), dice.pick(_ORIGINS), strict=True)),
+        "unit_m": unit_m,
+        "law": {"r": _R, "r_out": 1.5, "r_in": r_in, **_gains(dice)},
+    }
+    if dice.chance(0.85):  # half the work; a tenth flies the usual rate
+        mission["tick_s"] = 0.1
+    if dice.chance(0.4):
+        mission["vehicle"] = _vehicle(dice)
+    if not fair and dice.chance(0.1):
+        off = dice.pick(("guard", "release", "align"))
+        mission["safety"] = {off: False}
+    mission["prepare_timeout_s"] = dice.number(25, 40, 0)
+    mission["policies"] = _policies(dice)
+    ids = _ids(dice, count)
+    starts = _starts(dice, count, max(1.02 * 1.5, r_in + _TAKEOFF_M / unit_m), r_in)
+    mission["agents"] = [{"id": i, "start": list(p)} for i, p in zip(ids, starts, strict=True)]
+    if dice.chance(0.15):
+        mission["neighbours"] = _links(dice, ids)
+    mission["shapes"] = {name: _shape(dice, count, spacing) for name in ("one", "other")}
+    speed_mps = mission.get("vehicle", {}).get("limits", {}).get("speed_mps", 3.0)
+    mission["steps"] = _steps(dice, wanted, ids, speed_mps)
+    mission["fleet"] = _fleet(dice, ids, fair=fair)
+    return _in_metres(mission) if dice.chance(0.1) else mission
+
+
+def _gains(dice: Dice) -> Data:
+    gains: Data = {}
+    if dice.chance(0.15):
+        gains["h"] = dice.pick((0.1, 0.15, 0.2))
+    if dice.chance(0.1):
+        gains["delta_a"] = dice.number(0.05, 0.3)
+    if dice.chance(0.1):
+        gains["delta_l"] = dice.number(2.0, 2.2)
+    return gains
+
+
+def _vehicle(dice: Dice) -> Data:
+    return {
+        "limits": {
+            "speed_mps": dice.number(1.5, 4.0, 1),
+            "climb_mps": dice.number(0.8, 1.5, 1),
+            "descent_mps": dice.number(0.8, 1.4, 1),
+        }
+    }
+
+
+def _policies(dice: Dice) -> Data:
+    """Some of them, each with what it may say; a third of the missions has the defaults."""
+    given: Data = {"override_pause_s": dice.pick((5.0, 10.0, 20.0))}
+    for name in (
+        "agent_lost",
+        "station_lost",
+        "left_by_order",
+        "fence",
+        "battery_low",
+        "too_fast",
+        "wind",
+        "estimate",
+    ):
+        if dice.chance(0.35):
+            given[name] = dice.pick(_ACTIONS)
+    for name, low, high, digits in (
+        ("agent_lost_after_s", 2.0, 6.0, 1),
+        ("station_lost_after_s", 2.0, 6.0, 1),
+        ("hold_before_land_s", 0.0, 4.0, 1),
+        ("return_separation_m", 0.0, 3.0, 1),
+        ("battery_reserve_percent", 5.0, 30.0, 0),
+    ):
+        if dice.chance(0.25):
+            given[name] = dice.number(low, high, digits)
+    return given
+
+
+def _ids(dice: Dice, count: int) -> list[int]:
+    if dice.chance(0.8):
+        return list(range(1, count + 1))
+    ids = list(range(1, 1 + 3 * count))
+    return dice.shuffled(dice.some(ids, count)) if dice.chance(0.5) else dice.some(ids, count)
+
+
+def _starts(dice: Dice, count: int, apart: float, r_in: float) -> list[Point]:
+    """In a line, a grid or anyhow, each within r of another one."""
+    if dice.chance(0.06):  # `validate` warns of it
+        apart = dice.number(1.5 * r_in, apart)
+    most = max(0.95 * _R, apart)
+    how = dice.pick(("line", "column", "grid", "random", "random"))
+    if how == "random":
+        return _scattered(dice, count, apart, most)
+    step = round(min(apart * dice.number(1.0, 1.6), most), 2) + 0.01
+    columns = {"line": count, "column": 1}.get(how, math.ceil(math.sqrt(count)))
+    at = dice.number(-3, 3), dice.number(-3, 3)
+    places = (divmod(k, columns) for k in range(count))
+    return [(round(at[0] + step * n, 2), round(at[1] + step * e, 2)) for n, e in places]
+
+
+def _scattered(dice: Dice, count: int, apart: float, most: float) -> list[Point]:
+    """Each at least `apart` from all others, and at most `most` from one of them."""
+    points: list[Point] = [(0.0, 0.0)]
+    while len(points) < count:
+        north, east = dice.pick(points)
+        turn, way = dice.number(0, 2 * math.pi, 4), dice.number(apart + 0.02, most)
+        point = round(north + way * math.cos(turn), 2), round(east + way * math.sin(turn), 2)
+        if all(math.dist(point, each) >= apart for each in points):
+            points.append(point)
+    return points
+
+
+def _links(dice: Dice, ids: list[int]) -> list[list[int]]:
+    """A tree, and some more."""
+    order = dice.shuffled(ids)
+    tree = [[dice.pick(order[:k]), order[k]] for k in range(1, len(order))]
+    others = [[i, j] for i, j in itertools.combinations(order, 2)]
+    more = [pair for pair in others if sorted(pair) not in list(map(sorted, tree))]
+    return tree + dice.some(more, dice.whole(0, len(more)))
+
+
+def _shape(dice: Dice, count: int, spacing: float) -> Data:
+    kinds = ["ring", "line", "column", "grid", "vee", "wedge", "offsets"]
+    kinds += ["circle"] * (count > 2) + ["star"] * (count > 3) + ["letters"] * (count > 2)
+    kind = dice.pick(kinds)
+    shape: Data = {"kind": kind}
+    wide = round(spacing * dice.number(1.0, 1.3), 2) + 0.01
+    if kind == "offsets":
+        points = _scattered(dice, count, spacing, 2 * spacing)
+        shape["offsets"] = [list(point) for point in points]
+    elif kind == "ring":
+        around = wide / (2 * math.sin(math.pi / count))
+        shape |= {"radius": round(around + 0.01, 2)} if dice.chance(0.4) else {"side": wide}
+    elif kind == "circle":
+        chord = wide / (2 * math.sin(math.pi / (count - 1)))
+        shape["radius"] = round(max(wide, chord) + 0.01, 2)
+    elif kind == "star":
+        shape["inner_radius"] = round(wide * 1.2, 2)
+        shape["radius"] = round(shape["inner_radius"] + wide, 2)
+    elif kind == "letters":
+        shape |= {"text": dice.pick("ILVTX"), "height": round(wide * count * 0.9, 1)}
+    else:
+        shape["spacing"] = wide
+    if kind == "vee" and dice.chance(0.5):
+        shape["angle_deg"] = dice.number(60, 150, 0)
+    if kind == "grid" and dice.chance(0.3):
+        shape["columns"] = dice.whole(1, count)
+    if dice.chance(0.4):
+        shape["rotation_deg"] = dice.number(-180, 180, 0)
+    return shape
+
+
+def _steps(dice: Dice, wanted: Coverage, ids: list[int], speed_mps: float) -> list[Data]:
+    steps: list[Data] = [{"takeoff": {"height_m": dice.number(2, 6, 1)}}]
+    between = ("form", "hold", "move", "rotate", "scale")
+    kinds = ["form"] if dice.chance(0.95) else []
+    kinds += [
+        dice.pick(between, wanted.wants_step) for _ in range(dice.whole(0, 2) if kinds else 0)
+    ]
+    steps += [{kind: _body(dice, kind, ids, speed_mps)} for kind in kinds]
+    steps.append({dice.pick(("land", "return"), wanted.wants_step): {}})
+    for entry in steps[:-1]:
+        if dice.chance(0.4):
+            next(iter(entry.values()))["on_timeout"] = dice.pick(_ACTIONS)
+    return steps
+
+
+def _body(dice: Dice, kind: str, ids: list[int], speed_mps: float) -> Data:
+    if kind == "hold":
+        return {"duration_s": dice.number(1, 6, 1)}
+    body: Data = {"settle_s": dice.number(0.5, 2.5, 1)}
+    if dice.chance(0.3):
+        body["tolerance_m"] = dice.number(0.4, 0.9, 1)
+    if kind == "form":
+        body |= {"shape": dice.pick(("one", "other")), "timeout_s": 60.0}
+        if dice.chance(0.25):
+            body["slots"] = "fixed"
+        if dice.chance(0.2):
+            body["exchange"] = dice.chance(0.5)
+        if dice.chance(0.3):
+            how = dice.pick(("keep", "rechoose", "links"))
+            body["neighbours"] = _links(dice, ids) if how == "links" else how
+        return body
+    if dice.chance(0.4):
+        body["speed_mps"] = dice.number(0.8, min(2.5, speed_mps), 1)
+    if kind == "rotate":
+        body["angle_deg"] = dice.signed(15, 120, 0)
+    elif kind == "scale":
+        body["factor"] = dice.number(1.0, 1.5)
+    else:
+        point = [dice.signed(0.3, 3), dice.signed(0.3, 3)]
+        how = dice.pick(("to", "by", "along"))
+        body[how] = [point, [dice.signed(0.3, 2), dice.signed(0.3, 2)]] if how == "along" else point
+    return body
+
+
+def _fleet(dice: Dice, ids: list[int], *, fair: bool) -> Data:
+    """ArduCopters, PX4s or both, most with their own response."""
+    kinds = dice.pick((("ardupilot",), ("px4",), ("ardupilot", "px4")))
+    entries: list[Data] = []
+    answers = not fair and dice.chance(0.3)
+    for agent in ids:
+        entry: Data = {"id": agent, "autopilot": dice.pick(kinds)}
+        if answers:
+            entry |= _responses(dice)
+        entries.append(entry)
+    return {"agents": entries}
+
+
+def _responses(dice: Dice) -> Data:
+    """What the agent believes, and what is so: dead time and lag together off by less than the
+    doubt of half a second."""
+    believed = {
+        "dead_time_s": dice.number(0.1, 0.5),
+        "lag_s": dice.number(0.2, 0.7),
+        "acceleration_mps2": dice.number(2.0, 2.8, 1),
+    }
+    dead_s = max(0.0, believed["dead_time_s"] + dice.signed(0, 0.25))
+    lag_s = max(0.15, believed["lag_s"] + dice.signed(0, 0.15))
+    true = {"dead_time_s": round(dead_s, 2), "lag_s": round(lag_s, 2)}
+    true["acceleration_mps2"] = round(believed["acceleration_mps2"] + dice.number(0, 1.5), 1)
+    return {"response": believed, "simulated_response": true}
+
+
+def _fence(mission: Data, dice: Dice, *, fair: bool) -> None:
+    """Draw a fence around all places that the plan goes to; in fair weather with room to spare."""
+    if dice.chance(0.6):
+        return
+    plan = loads(yaml_file.write(mission)).plan
+    places_m = [place for at in planned_formations(plan) for place in at.places_m()]
+    places_m += [(n * plan.unit_m, e * plan.unit_m) for n, e in (a.start for a in plan.agents)]
+    top_m = max(step.height_m for step in plan.steps if isinstance(step, TakeoffStep))
+    metre = 1.0 if mission.get("lengths") == "metres" else 1.0 / plan.unit_m
+    room_m = dice.number(14, 25, 0) if fair or dice.chance(0.6) else dice.number(1, 8, 1)
+    norths, easts = zip(*places_m, strict=True)
+    south, north = min(norths) - room_m, max(norths) + room_m
+    west, east = min(easts) - room_m, max(easts) + room_m
+    corners = [(south, west), (south, east), (north, east), (north, west)]
+    if dice.chance(0.3):  # a corner more, outwards
+        corners.insert(2, ((south + north) / 2, east + dice.number(1, 10, 1)))
+    fence: Data = {}
+    if dice.chance(0.8):
+        fence["polygon"] = [[round(n * metre, 2), round(e * metre, 2)] for n, e in corners]
+    if not fence or dice.chance(0.4):
+        above_m = dice.number(6, 20, 0) if fair or dice.chance(0.6) else dice.number(1, 5, 1)
+        fence["height_m"] = round(top_m + above_m, 1)
+    mission["fence"] = fence
+
+
+def _in_metres(mission: Data) -> Data:
+    """The same mission with `lengths: metres`."""
+    unit_m = mission.pop("unit_m")
+
+    def metres(value: Any) -> Any:
+        return [metres(v) for v in value] if isinstance(value, list) else round(value * unit_m, 2)
+
+    for name in ("r", "r_out", "r_in"):
+        mission["law"][name] = metres(mission["law"][name])
+    for agent in mission["agents"]:
+        agent["start"] = metres(agent["start"])
+    lengths = ("side", "radius", "inner_radius", "spacing", "height", "offsets")
+    for shape in mission["shapes"].values():
+        shape |= {name: metres(shape[name]) for name in lengths if name in shape}
+    for step in mission["steps"]:
+        body = next(iter(step.values()))
+        body |= {name: metres(body[name]) for name in ("to", "by", "along") if name in body}
+    return {"lengths": "metres", **mission}
