@@ -209,11 +209,14 @@ class VirtualSwarm:
         for place, far in enumerate(self._far):
             while (data := far.read()) is not None:
                 self.hub.receive(place, data, _AGENT)
-        world = self.hub.world
-        while world.next_s <= self.now + STEP_S / 2:
+        while self.hub.world.next_s <= self.now + STEP_S / 2:
             self.hub.step()
-            if world.flying:
-                np.minimum(self._closest_m2, world.pairs.square, out=self._closest_m2)
+            self._watch_distances()
+
+    def _watch_distances(self) -> None:
+        world = self.hub.world
+        if world.flying:
+            np.minimum(self._closest_m2, world.pairs.square, out=self._closest_m2)
 
     def _step(self, member: Member) -> None:
         now = member.clock(self.now)
