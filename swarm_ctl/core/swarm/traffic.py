@@ -20,6 +20,7 @@ from swarm_ctl.core.model.frames import ned_from_geodetic
 from swarm_ctl.core.model.plan import Compensation, Plan, Point
 from swarm_ctl.core.model.timeouts import PREDICT_S
 from swarm_ctl.core.model.vehicle import Contact, Vector3
+from swarm_ctl.core.swarm.plausibility import Limits
 from swarm_ctl.core.swarm.snapshot import TRAFFIC, OtherAircraft, predicted_s
 
 MAX_CONTACTS: Final = 8
@@ -57,6 +58,7 @@ class Traffic:
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
+        self._fastest_mps = Limits.of(plan).fastest_mps
         self._response, self._limit_mps = plan.response, plan.limits.speed_mps
         self._ahead_s = plan.response.dead_time_s + plan.response.lag_s
         self.seen: frozenset[int] = frozenset()
@@ -103,11 +105,16 @@ class Traffic:
         followed = [peer for peer in peers if peer.followed and peer.state is not None]
         if not followed:
             return [True] * len(at)
-        unlike, seen = [True] * len(at), []
+        told = [peer.position for peer in followed]
         ages = [peer.age(now) for peer in followed]
-        for k, j in _near(at, list(map(_carried_on, followed, ages))):
-            peer, report = followed[j], reports[k]
-            stops = peer.stop_point + peer.setpoint * min(ages[j], predicted_s(peer))
+        # a state from before the own clock was set back has an age less than 0, and explains less
+        reach_m = [_SAME_AIRCRAFT_M + self._fastest_mps * age_s for age_s in ages]
+        unlike, seen = [True] * len(at), []
+        for k, j in _near(at, told, reach_m):
+            peer, report, age_s = followed[j], reports[k], ages[j]
+            if abs(at[k] - _carried_on(peer, age_s)) >= _SAME_AIRCRAFT_M:
+                continue
+            stops = peer.stop_point + peer.setpoint * min(age_s, predicted_s(peer))
             off_m = abs(at[k] + report.stops - stops)
             if off_m <= self._may_differ_m(report.speed, now - report.contact.time_s):
                 unlike[k] = False
@@ -150,16 +157,18 @@ class Traffic:
         return velocity * ahead_s
 
 
-def _near(at: Sequence[complex], told: Sequence[complex]) -> list[tuple[int, int]]:
-    """(k, j) of each contact k that is where peer j is told to be."""
+def _near(
+    at: Sequence[complex], told: Sequence[complex], reach_m: Sequence[float]
+) -> list[tuple[int, int]]:
+    """(k, j) of each contact k that is closer than `reach_m[j]` to where peer j is told to be."""
     if len(at) * len(told) <= _FEW:
         return [
             (k, j)
             for k, place in enumerate(at)
-            for j, other in enumerate(told)
-            if abs(place - other) < _SAME_AIRCRAFT_M
+            for j, (other, reach) in enumerate(zip(told, reach_m, strict=True))
+            if abs(place - other) < reach
         ]
-    near = np.abs(np.array(at)[:, None] - np.array(told)) < _SAME_AIRCRAFT_M
+    near = np.abs(np.array(at)[:, None] - np.array(told)) < np.array(reach_m)
     return list(zip(*(places.tolist() for places in near.nonzero()), strict=True))
 
 
