@@ -365,7 +365,7 @@ def _starts(dice: Dice, count: int, apart: float, r_in: float) -> list[Point]:
     how = dice.pick(("line", "column", "grid", "random", "random"))
     if how == "random":
         return _scattered(dice, count, apart, most)
-    step = round(min(apart * dice.number(1.0, 1.6), most), 2) + 0.01
+    step = round(min(apart * dice.number(1.0, 1.6) + 0.01, most), 2)
     columns = {"line": count, "column": 1}.get(how, math.ceil(math.sqrt(count)))
     at = dice.number(-3, 3), dice.number(-3, 3)
     places = (divmod(k, columns) for k in range(count))
@@ -398,7 +398,7 @@ def _shape(dice: Dice, count: int, spacing: float) -> Data:
     kinds += ["circle"] * (count > 2) + ["star"] * (count > 3) + ["letters"] * (count > 2)
     kind = dice.pick(kinds)
     shape: Data = {"kind": kind}
-    wide = round(spacing * dice.number(1.0, 1.3), 2) + 0.01
+    wide = round(spacing * dice.number(1.0, 1.3) + 0.01, 2)
     if kind == "offsets":
         points = _scattered(dice, count, spacing, 2 * spacing)
         shape["offsets"] = [list(point) for point in points]

@@ -116,6 +116,11 @@ class Account:
         self._trace.update(key.encode())
         self._trace.update(data)
 
+    def told(self, place: int, data: bytes) -> None:
+        """What the agent at this place of the plan sends its vehicle."""
+        self._trace.update(b"%d " % place)
+        self._trace.update(data)
+
     def hear(self, statuses: list[AgentStatus], events: list[Event], now: float) -> None:
         """What the station took in a tick."""
         self.statuses += statuses
@@ -158,7 +163,8 @@ class Account:
         return summary, truth
 
     def digest(self) -> str:
-        """Of every message, the truth and the verdict, in hexadecimal."""
+        """Of every message of the mesh and to the vehicles, the truth and the verdict, in
+        hexadecimal."""
         return self._trace.hexdigest()
 
     def _run(self, killed: Mapping[str, bool], truth: Truth) -> RunFolder:

@@ -209,6 +209,8 @@ class VirtualSwarm:
         for place, far in enumerate(self._far):
             while (data := far.read()) is not None:
                 self.hub.receive(place, data, _AGENT)
+                if self.account is not None:
+                    self.account.told(place, data)
         while self.hub.world.next_s <= self.now + STEP_S / 2:
             self.hub.step()
             self._watch_distances()

@@ -1,0 +1,185 @@
+"""The flights of golden traces: their hashes, and what each tick of them had."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import gzip
+import json
+import multiprocessing
+import os
+import platform
+from collections.abc import Iterable, Iterator, Mapping
+from functools import partial
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from swarm_ctl.mesh import keys
+from swarm_ctl.mesh.memory_transport import MemoryTransport
+from swarm_ctl.mesh.node import Node
+from swarm_ctl.virtual.scenario import load_scenario, scenario_of
+from swarm_ctl.virtual.scenario_flight import ScenarioFlight
+
+HERE: Final = Path(__file__).parent
+MISSIONS: Final = HERE.parents[1] / "missions"
+HASHES: Final = HERE / "hashes.json"
+CUT_S: Final = {"thirtytwo": 30.0, "hundred": 8.0}
+"""Of large swarms the first seconds alone: a hundred agents take ten minutes for a flight."""
+_CHANNELS: Final[tuple[keys.Channel[Any], ...]] = (
+    keys.STATE,
+    keys.CLOCK,
+    keys.ACK,
+    keys.EVENT,
+    keys.SIGMA,
+    keys.STATUS,
+    keys.COMMAND,
+)
+
+
+def rows() -> dict[str, Path]:
+    """The file of each flight, by name: missions by theirs, scenarios by number."""
+    found = {path.stem: path for path in MISSIONS.glob("*.yaml")}
+    return found | {path.stem: path for path in (HERE / "scenarios").glob("*.yaml")}
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Golden:
+    """Hashes by row, and what they were made with."""
+
+    made_with: dict[str, str]
+    hashes: dict[str, str]
+
+    @classmethod
+    def here(cls, hashes: Mapping[str, str]) -> Golden:
+        """Made now."""
+        return cls(_here(), dict(sorted(hashes.items())))
+
+    def is_of_here(self) -> bool:
+        """They hold on this machine."""
+        return self.made_with == _here()
+
+    def write(self) -> None:
+        """To `HASHES`."""
+        HASHES.write_text(json.dumps(dataclasses.asdict(self), indent=1) + "\n", encoding="utf-8")
+
+
+def read() -> Golden:
+    """Those in `HASHES`."""
+    return Golden(**json.loads(HASHES.read_text(encoding="utf-8")))
+
+
+def _here() -> dict[str, str]:
+    known: Any = np.show_config(mode="dicts")
+    simd = known["SIMD Extensions"]
+    return {
+        "python": ".".join(platform.python_version_tuple()[:2]),
+        "numpy": np.__version__,
+        "machine": platform.machine(),
+        "simd": " ".join(simd.get("found", [])),
+    }
+
+
+def differences(one: Mapping[str, str], other: Mapping[str, str]) -> list[str]:
+    """The rows of `other` that have another hash in `one`, or none."""
+    return sorted(name for name, digest in other.items() if one.get(name) != digest)
+
+
+def fly(
+    names: Iterable[str], processes: int | None = None, folder: Path | None = None
+) -> dict[str, str]:
+    """The hash of each row's flight; with a folder its trace is written there."""
+    # the longest first, so that none begins last
+    ordered = sorted(names, key=lambda name: (name not in CUT_S, name.isdigit(), name))
+    workers = min(processes or os.cpu_count() or 1, len(ordered))
+    one = partial(_row, folder=folder)
+    if workers == 1:
+        return dict(map(one, ordered))
+    with multiprocessing.get_context("spawn").Pool(workers) as pool:
+        return dict(pool.imap_unordered(one, ordered))
+
+
+def _row(name: str, folder: Path | None) -> tuple[str, str]:
+    path = rows()[name]
+    if path.parent == MISSIONS:
+        scenario, mission = scenario_of(f"version: 1\nmission: {path}\n")
+    else:
+        scenario, mission = load_scenario(path)
+    flight = ScenarioFlight(scenario, mission)
+    with contextlib.ExitStack() as stack:
+        if folder is not None:
+            file = stack.enter_context(gzip.open(folder / f"{name}.jsonl.gz", "wt"))
+            trace = _Trace(flight)
+            watch = lambda _: file.write(trace.line())  # noqa: E731
+        else:
+            watch = lambda _: None  # noqa: E731
+        until_s = CUT_S.get(name)
+        if until_s is None:
+            return name, flight.fly(watch).digest
+        while flight.swarm.now < until_s:
+            flight.turn()
+            watch(flight)
+        return name, flight.account.digest()
+
+
+class _Trace:
+    """What each tick had, as lines of JSON."""
+
+    def __init__(self, flight: ScenarioFlight) -> None:
+        self._swarm = flight.swarm
+        self._node = Node(MemoryTransport(flight.swarm.mesh), "test", "golden")
+        self._node.listen(*_CHANNELS, agents=[agent.id for agent in flight.plan.agents])
+
+    def line(self) -> str:
+        """Of the tick that was."""
+        world = self._swarm.hub.world
+        places = np.asarray(world.positions()).tolist()
+        found: dict[str, Any] = {"now_s": self._swarm.now}
+        agents: dict[str, Any] = {
+            f"agent {agent}": {"vehicle": place, "goal": self._swarm.members[agent].goals[-1:]}
+            for agent, place in zip(self._swarm.members, places, strict=True)
+        }
+        for channel in _CHANNELS:
+            for payload, _ in self._node.take(channel):
+                said = f"agent {payload.agent}" if hasattr(payload, "agent") else "station"
+                of = agents.setdefault(said, {})
+                of.setdefault(channel.name, []).append(_plain(payload))
+        return json.dumps(found | agents, separators=(",", ":"), default=str) + "\n"
+
+
+def _plain(payload: Any) -> Any:
+    """As JSON has it."""
+    return json.loads(json.dumps(dataclasses.asdict(payload), default=str))
+
+
+def first_difference(one: Path, other: Path) -> str:
+    """`at 12.3 s: agent 2, state, setpoint_mps: [1, 0] and [1.1, 0]`, or ''."""
+    with gzip.open(one, "rt") as left, gzip.open(other, "rt") as right:
+        for a, b in zip_longest(left, right):
+            if a == b:
+                continue
+            if a is None or b is None:
+                return f"one ends at {json.loads(a or b)['now_s']:g} s, the other goes on"
+            was, is_now = json.loads(a), json.loads(b)
+            where, before, after = next(_differ(was, is_now, ()))
+            return f"at {was['now_s']:g} s: {', '.join(where)}: {before} and {after}"
+    return ""
+
+
+def _differ(
+    one: Any, other: Any, where: tuple[str, ...]
+) -> Iterator[tuple[tuple[str, ...], Any, Any]]:
+    if isinstance(one, dict) and isinstance(other, dict):
+        for name in (*one, *(name for name in other if name not in one)):
+            if one.get(name) != other.get(name):
+                yield from _differ(one.get(name), other.get(name), (*where, name))
+    elif (
+        isinstance(one, list) and isinstance(other, list) and any(isinstance(x, dict) for x in one)
+    ):
+        for a, b in zip_longest(one, other):
+            if a != b:
+                yield from _differ(a, b, where)
+    else:
+        yield where, one, other
