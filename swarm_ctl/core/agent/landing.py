@@ -17,6 +17,7 @@ from swarm_ctl.core.model.plan import Point
 from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S
 from swarm_ctl.core.model.vehicle import (
     MISPLACED_M,
+    FlyGoal,
     Goal,
     LandGoal,
     ReleaseGoal,
@@ -254,6 +255,10 @@ class Landing:
             self._context.controller.rest()
             return LandGoal() if tick.view.armed else StandbyGoal()
         context, fix = self._context, tick.fix
+        if tick.view.on_ground and not context.flown:
+            # its height errs by more than a climb needs: it would lift off
+            context.controller.rest()
+            return FlyGoal((0.0, 0.0, 0.0))
         if fix is None:
             return context.keep_clear(tick)
         aside = context.controller.keep_clear(tick.peers, ground=ground, room_m=room_m)
