@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.plan import Plan, Policy
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh.impaired import Impairment
 from swarm_ctl.runtime.script import AgentScript, Deed, Due, RunScript, StationScript, Untruth
@@ -15,7 +15,7 @@ def run_script(scenario: Scenario, plan: Plan) -> RunScript:
     """Of all processes. InputError where something in it can't happen to processes the same as on
     the virtual clock."""
     for k, happening in enumerate(scenario.happens):
-        _refuse(k, happening)
+        _refuse(k, happening, plan)
     ids = [agent.id for agent in plan.agents]
     return RunScript(
         {agent: _agent_script(scenario, agent, ids) for agent in ids},
@@ -24,7 +24,7 @@ def run_script(scenario: Scenario, plan: Plan) -> RunScript:
     )
 
 
-def _refuse(number: int, happening: Happening) -> None:
+def _refuse(number: int, happening: Happening, plan: Plan) -> None:
     where = f"happens[{number}], {happening.kind} at {happening.at_s:g} s"
     if happening.restart:
         raise InputError(
@@ -35,6 +35,11 @@ def _refuse(number: int, happening: Happening) -> None:
         raise InputError(
             f"{where}: for_s: a station that comes back joins at a tick that the machine decides;"
             " allowed here: a station that is gone to the end, and this on the virtual clock"
+        )
+    if happening.station and plan.policies.station_lost is Policy.HOLD:
+        raise InputError(
+            f"{where}: agents hold until a station is heard again (policies.station_lost), and none"
+            " comes back to processes; allowed here: another policy, and this on the virtual clock"
         )
     if happening.at_s == 0.0 and (happening.order or happening.kill or happening.station):
         raise InputError(

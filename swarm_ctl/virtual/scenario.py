@@ -111,7 +111,8 @@ class Happening(Section):
     stop: Ids | None = None
     """The agents' processes stand still, and then go on; needs `for_s`."""
     station: Literal["gone"] | None = None
-    """The ground station is killed; with `for_s`, another one comes then."""
+    """The ground station is killed; with `for_s`, another one comes then. Where agents hold without
+    one, another comes in the end."""
     part: Part | None = None
     """The mesh falls into two."""
     pilot: Taken | None = None

@@ -13,7 +13,7 @@ from typing import Final
 from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.model.messages import AgentStatus, Event, Phase
-from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.plan import Plan, Policy
 from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh.impaired import ImpairedTransport
@@ -170,6 +170,8 @@ class ScenarioFlight:
             yield end_s, lambda: self._stop(happening.stop or (), False)
         elif happening.station:
             yield at_s, self.kill_station
+            if end_s is None and self.plan.policies.station_lost is Policy.HOLD:
+                end_s = self.scenario.ends_s  # they would hold until their batteries are low
             if end_s is not None:
                 yield end_s, self._station_comes
         elif happening.part is not None:
