@@ -67,6 +67,7 @@ class Invariant(StrEnum):
     APART = "no pair is under r_in"
     FENCED = "nobody is out of the fence without its policy acting"
     ORDERED = "nothing moves that was not ordered"
+    TOGETHER = "no agent goes on before the others are done"
     OBEYS = "an order that was accepted is carried out"
     ACTS = "what is lost makes its policy act"
     VERDICT = "verdict, cause and truth agree"
@@ -261,6 +262,13 @@ class _Seen:
             if len(status.steps) > k and agent not in self.elsewhen
         ]
         return min(starts, default=math.inf)
+
+    def timed_out(self, k: int) -> bool:
+        """Step k took all the time that it may: with `continue` all go on."""
+        if k == 0:
+            return False
+        begun_s, ended_s = self.step_start(k), self.step_start(k + 1)
+        return ended_s - begun_s >= self.plan.steps[k - 1].timeout_s - 0.5
 
     @cached_property
     def home_s(self) -> float:
@@ -584,6 +592,38 @@ def _has_left(seen: _Seen, agent: int, at_s: float) -> bool:
     return not said or said[-1].left is not None or not said[-1].airborne
 
 
+def _together(seen: _Seen) -> Iterator[str]:
+    """By the statuses, at 2 Hz: one begins a step, and another that it hears is not done yet with
+    the one before, nor was."""
+    if not seen.good_mesh or seen.of("part"):
+        return
+    skipped = [o.at_s for o in seen.flown.orders if o.line.split()[0] in ("next", "resume")]
+    free = [i for i in seen.ids if i not in seen.elsewhen and not math.isfinite(seen.lies[i])]
+    free = [i for i in free if not math.isfinite(seen.first(i, "kill", "stop", "restart"))]
+    for agent, other in itertools.permutations(free, 2):
+        last, said = seen.statuses[agent][-1:], seen.statuses[other]
+        for k, step in enumerate(last[0].steps if last else ()):
+            at_s = step.start_s
+            if k == 0 or any(abs(at_s - skip_s) < 3.0 for skip_s in skipped):
+                continue
+            before = [s for s in said if s.time_s <= at_s + 0.6]
+            done = any(s.step >= k or (s.step == k - 1 and s.done) for s in before)
+            after = next((s for s in said if s.time_s > at_s + 1.1), None)
+            if done or after is None or after.step != k - 1 or after.done or _apart_from(after):
+                continue
+            if before and not _apart_from(before[-1]) and not seen.timed_out(k - 1):
+                yield (
+                    f"agent {agent} began step {k} ({step.name}) at {at_s:.1f} s, and agent {other}"
+                    f" was not done with step {k - 1}"
+                )
+
+
+def _apart_from(status: AgentStatus) -> bool:
+    """The others need not wait for it: it gave up, left, or a command holds it."""
+    gave_up = status.action is not None and status.action is not FailsafeAction.HOLD
+    return gave_up or status.left is not None or status.phase in (Phase.YIELD, Phase.ENDED)
+
+
 def _verdict(seen: _Seen) -> Iterator[str]:
     flown, summary, truth = seen.flown, seen.flown.summary, seen.truth
     word = f"the verdict is {summary.outcome}"
@@ -701,6 +741,7 @@ CHECKS: Final[dict[Invariant, Callable[[_Seen], Iterator[str]]]] = {
     Invariant.APART: _apart,
     Invariant.FENCED: _fenced,
     Invariant.ORDERED: _ordered,
+    Invariant.TOGETHER: _together,
     Invariant.OBEYS: _obeys,
     Invariant.ACTS: _policies_act,
     Invariant.VERDICT: _verdict,
