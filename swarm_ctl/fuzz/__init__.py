@@ -1,1 +1,1 @@
-"""Scenarios drawn from a seed, what must hold in each of them, and golden traces."""
+"""Scenarios drawn from a seed, and what must hold in each of them."""

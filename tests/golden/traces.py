@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import gzip
+import hashlib
 import json
 import multiprocessing
 import os
@@ -16,21 +17,27 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from swarm_ctl.mavlink.framer import Framer
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.virtual.scenario import load_scenario, scenario_of
-from swarm_ctl.virtual.scenario_flight import ScenarioFlight
+from swarm_ctl.virtual.scenario_flight import FlownScenario, ScenarioFlight
 
 HERE: Final = Path(__file__).parent
 MISSIONS: Final = HERE.parents[1] / "missions"
 HASHES: Final = HERE / "hashes.json"
+SUFFIX: Final = ".jsonl.gz"
+"""Of a trace's file."""
 CUT_S: Final = {"thirtytwo": 30.0, "hundred": 8.0}
 """Of large swarms the first seconds alone: a hundred agents take ten minutes for a flight."""
 _CHANNELS: Final[tuple[keys.Channel[Any], ...]] = (
     keys.STATE,
+    keys.FAR,
     keys.CLOCK,
+    keys.BEACON,
     keys.ACK,
     keys.EVENT,
     keys.SIGMA,
@@ -109,19 +116,37 @@ def _row(name: str, folder: Path | None) -> tuple[str, str]:
         scenario, mission = load_scenario(path)
     flight = ScenarioFlight(scenario, mission)
     with contextlib.ExitStack() as stack:
+        watch, trace = _unwatched, None
         if folder is not None:
-            file = stack.enter_context(gzip.open(folder / f"{name}.jsonl.gz", "wt"))
+            file = stack.enter_context(gzip.open(folder / f"{name}{SUFFIX}", "wt"))
             trace = _Trace(flight)
             watch = lambda _: file.write(trace.line())  # noqa: E731
-        else:
-            watch = lambda _: None  # noqa: E731
         until_s = CUT_S.get(name)
         if until_s is None:
-            return name, flight.fly(watch).digest
+            flown = flight.fly(watch)
+            if trace is not None:
+                file.write(trace.end(flown))
+            return name, _hash(flown)
         while flight.swarm.now < until_s:
             flight.turn()
             watch(flight)
         return name, flight.account.digest()
+
+
+def _unwatched(_: ScenarioFlight) -> None:
+    return
+
+
+def _refused(flown: FlownScenario) -> list[list[Any]]:
+    """The orders that the station did not send: no message has them."""
+    return [[order.at_s, order.line, order.refused] for order in flown.orders if order.refused]
+
+
+def _hash(flown: FlownScenario) -> str:
+    refused = _refused(flown)
+    if not refused:
+        return flown.digest
+    return hashlib.sha256(f"{flown.digest} {refused}".encode()).hexdigest()
 
 
 class _Trace:
@@ -131,27 +156,46 @@ class _Trace:
         self._swarm = flight.swarm
         self._node = Node(MemoryTransport(flight.swarm.mesh), "test", "golden")
         self._node.listen(*_CHANNELS, agents=[agent.id for agent in flight.plan.agents])
+        self._framers = [Framer() for _ in flight.plan.agents]
+        self._told: list[list[Any]] = [[] for _ in self._framers]
+        self._tell = flight.account.told
+        flight.account.told = self._take  # type: ignore[method-assign]
+
+    def _take(self, place: int, data: bytes) -> None:
+        """Keep what an agent sends its vehicle."""
+        self._tell(place, data)
+        for frame in self._framers[place].feed(data):
+            message = dialect.MAVLink(None).decode(bytearray(frame.raw))
+            fields = message.to_dict() | {"seq": frame.seq}
+            self._told[place].append({fields.pop("mavpackettype"): fields})
 
     def line(self) -> str:
         """Of the tick that was."""
-        world = self._swarm.hub.world
-        places = np.asarray(world.positions()).tolist()
-        found: dict[str, Any] = {"now_s": self._swarm.now}
-        agents: dict[str, Any] = {
-            f"agent {agent}": {"vehicle": place, "goal": self._swarm.members[agent].goals[-1:]}
-            for agent, place in zip(self._swarm.members, places, strict=True)
-        }
+        swarm = self._swarm
+        places = np.asarray(swarm.hub.world.positions()).tolist()
+        agents: dict[str, Any] = {}
+        for planned, place, told in zip(swarm.plan.agents, places, self._told, strict=True):
+            goal = swarm.members[planned.id].goals[-1:]
+            # what is told comes first, and what it does second
+            agents[f"agent {planned.id}"] = {"goal": goal, "link": [*told], "vehicle": place}
+            told.clear()
         for channel in _CHANNELS:
             for payload, _ in self._node.take(channel):
                 said = f"agent {payload.agent}" if hasattr(payload, "agent") else "station"
                 of = agents.setdefault(said, {})
-                of.setdefault(channel.name, []).append(_plain(payload))
-        return json.dumps(found | agents, separators=(",", ":"), default=str) + "\n"
+                of.setdefault(channel.name, []).append(dataclasses.asdict(payload))
+        return _line({"now_s": swarm.now} | agents)
+
+    def end(self, flown: FlownScenario) -> str:
+        """Of the flight: how it ended."""
+        summary = flown.summary
+        verdict = {"outcome": summary.outcome, "cause": summary.cause, "reason": summary.reason}
+        refused = {"refused orders": _refused(flown), "digest": flown.digest}
+        return _line({"now_s": flown.end_s, "verdict": verdict} | refused)
 
 
-def _plain(payload: Any) -> Any:
-    """As JSON has it."""
-    return json.loads(json.dumps(dataclasses.asdict(payload), default=str))
+def _line(data: dict[str, Any]) -> str:
+    return json.dumps(data, separators=(",", ":"), default=str) + "\n"
 
 
 def first_difference(one: Path, other: Path) -> str:
@@ -160,12 +204,18 @@ def first_difference(one: Path, other: Path) -> str:
         for a, b in zip_longest(left, right):
             if a == b:
                 continue
+            was, is_now = _read(a or b), _read(b or a)
             if a is None or b is None:
-                return f"one ends at {json.loads(a or b)['now_s']:g} s, the other goes on"
-            was, is_now = json.loads(a), json.loads(b)
-            where, before, after = next(_differ(was, is_now, ()))
-            return f"at {was['now_s']:g} s: {', '.join(where)}: {before} and {after}"
+                return f"one ends before {float(was['now_s']):g} s, the other goes on"
+            where, before, after = next(_differ(was, is_now, ()), (("order",), a, b))
+            values = f"{before} and {after}".replace("'", "")  # numbers are words here
+            return f"at {float(was['now_s']):g} s: {', '.join(where)}: {values}"
     return ""
+
+
+def _read(line: str) -> Any:
+    """Numbers stay words: NaN is the same as NaN, and -0.0 is not 0.0."""
+    return json.loads(line, parse_float=str, parse_int=str, parse_constant=str)
 
 
 def _differ(
