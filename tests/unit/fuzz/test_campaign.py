@@ -37,7 +37,7 @@ def test_a_draw_depends_on_seed_and_number() -> None:
 
 
 def test_all_kinds_are_drawn() -> None:
-    drawn = [draw(9, number, Coverage()) for number in range(3 * DRAWN)]
+    drawn = [draw(9, number, Coverage()) for number in range(6 * DRAWN)]
     kinds = {each.kind for scenario, _ in drawn for each in scenario.happens}
     assert kinds == {*FAULTS, "order"}
     steps = {step.kind for _, mission in drawn for step in mission.plan.steps}
