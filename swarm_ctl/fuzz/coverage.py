@@ -74,10 +74,17 @@ class Coverage:
         """For people: a row for all that may happen, a column for each step."""
         data = self.as_json()
         title = f"met: {len(data['cells'])} of {data['cells_possible']} (step, fault before, what)"
-        table = Table("", title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+        table = Table(
+            "",
+            title=title,
+            title_justify="left",
+            box=SIMPLE_HEAD,
+            padding=(0, 1, 0, 0),
+            show_edge=False,
+        )
         table.columns[0].no_wrap = True
         for step in STEPS:
-            table.add_column(step, justify="right")
+            table.add_column(step, justify="right", no_wrap=True)
         for what in WHATS:
             counts = [self.count(step, what) for step in STEPS]
             table.add_row(what, *(str(each) if each else "." for each in counts))
