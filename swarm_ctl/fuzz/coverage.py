@@ -87,7 +87,8 @@ class Coverage:
             table.add_column(step, justify="right", no_wrap=True)
         for what in WHATS:
             counts = [self.count(step, what) for step in STEPS]
-            table.add_row(what, *(str(each) if each else "." for each in counts))
+            label = what.replace("vehicle ", "SIM_")
+            table.add_row(label, *(str(each) if each else "." for each in counts))
             if what == _FAULTS[-1]:
                 table.add_section()
         return table
