@@ -297,7 +297,7 @@ def _mission(dice: Dice, wanted: Coverage, *, fair: bool) -> Data:
         mission["neighbours"] = _links(dice, ids)
     mission["shapes"] = {name: _shape(dice, count, spacing) for name in ("one", "other")}
     speed_mps = mission.get("vehicle", {}).get("limits", {}).get("speed_mps", 3.0)
-    mission["steps"] = _steps(dice, wanted, ids, speed_mps)
+    mission["steps"] = _steps(dice, wanted, ids, speed_mps, fair=fair)
     mission["fleet"] = _fleet(dice, ids, fair=fair)
     return _in_metres(mission) if dice.chance(0.1) else mission
 
@@ -424,14 +424,16 @@ def _shape(dice: Dice, count: int, spacing: float) -> Data:
     return shape
 
 
-def _steps(dice: Dice, wanted: Coverage, ids: list[int], speed_mps: float) -> list[Data]:
+def _steps(
+    dice: Dice, wanted: Coverage, ids: list[int], speed_mps: float, *, fair: bool
+) -> list[Data]:
     steps: list[Data] = [{"takeoff": {"height_m": dice.number(2, 6, 1)}}]
     between = ("form", "hold", "move", "rotate", "scale")
     kinds = ["form"] if dice.chance(0.95) else []
     kinds += [
         dice.pick(between, wanted.wants_step) for _ in range(dice.whole(0, 2) if kinds else 0)
     ]
-    steps += [{kind: _body(dice, kind, ids, speed_mps)} for kind in kinds]
+    steps += [{kind: _body(dice, kind, ids, speed_mps, fair=fair)} for kind in kinds]
     steps.append({dice.pick(("land", "return"), wanted.wants_step): {}})
     for entry in steps[:-1]:
         if dice.chance(0.4):
@@ -439,7 +441,7 @@ def _steps(dice: Dice, wanted: Coverage, ids: list[int], speed_mps: float) -> li
     return steps
 
 
-def _body(dice: Dice, kind: str, ids: list[int], speed_mps: float) -> Data:
+def _body(dice: Dice, kind: str, ids: list[int], speed_mps: float, *, fair: bool) -> Data:
     if kind == "hold":
         return {"duration_s": dice.number(1, 6, 1)}
     body: Data = {"settle_s": dice.number(0.5, 2.5, 1)}
@@ -447,6 +449,8 @@ def _body(dice: Dice, kind: str, ids: list[int], speed_mps: float) -> Data:
         body["tolerance_m"] = dice.number(0.4, 0.9, 1)
     if kind == "form":
         body |= {"shape": dice.pick(("one", "other")), "timeout_s": 60.0}
+        if not fair and dice.chance(0.1):
+            body["timeout_s"] = dice.number(2, 9, 1)
         if dice.chance(0.25):
             body["slots"] = "fixed"
         if dice.chance(0.2):
@@ -501,7 +505,9 @@ def _fence(mission: Data, dice: Dice, *, fair: bool) -> None:
     if dice.chance(0.6):
         return
     plan = loads(yaml_file.write(mission)).plan
+    leaves = not fair and dice.chance(0.25)  # the plan leads out of it: `validate` warns
     places_m = [place for at in planned_formations(plan) for place in at.places_m()]
+    places_m = [] if leaves else places_m
     places_m += [(n * plan.unit_m, e * plan.unit_m) for n, e in (a.start for a in plan.agents)]
     top_m = max(step.height_m for step in plan.steps if isinstance(step, TakeoffStep))
     metre = 1.0 if mission.get("lengths") == "metres" else 1.0 / plan.unit_m

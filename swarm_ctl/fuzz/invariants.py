@@ -277,7 +277,7 @@ class _Seen:
 
 def _grave(name: str, value: float) -> bool:
     """A parameter with which a vehicle is no longer where it says, or no longer does as told."""
-    if name in ("SIM_WIND_SPD", "SIM_WIND_DIR", "SIM_WIND_GUST", "SIM_GPS_ACC", "SIM_GPS_SATS"):
+    if name.startswith("SIM_WIND") or name in ("SIM_GPS_ACC", "SIM_GPS_SATS", "SIM_BATT_DRAIN"):
         return False
     if name in ("SIM_GPS_NOISE", "SIM_GPS_DRIFT", "SIM_VEL_NOISE"):
         return value > _NOISE_M
@@ -285,8 +285,6 @@ def _grave(name: str, value: float) -> bool:
         return value > 0.05
     if name == "SIM_LOSS":
         return value > 5.0
-    if name == "SIM_BATT_DRAIN":
-        return value > 1.0
     return value != 0.0
 
 
@@ -546,6 +544,8 @@ def _moved_in_hold(seen: _Seen, agent: int, at_s: float, until_s: float) -> str:
 def _policies_act(seen: _Seen) -> Iterator[str]:
     """Of what is certain: an agent that is dead or stopped, a station that is gone, long enough."""
     policies = seen.plan.policies
+    yield from _times_out(seen)
+    yield from _runs_empty(seen)
     if not seen.good_mesh or seen.of("clock", "says") or seen.flown.scenario.clocks:
         return
     for each in seen.of("kill", "stop", "station"):
@@ -564,6 +564,43 @@ def _policies_act(seen: _Seen) -> Iterator[str]:
         for agent in seen.ids:
             if agent not in gone and _goes_on(seen, agent, gone, each.at_s, by_s):
                 yield f"{words} at {each.at_s:g} s, and agent {agent} went on with its mission"
+
+
+def _times_out(seen: _Seen) -> Iterator[str]:
+    """No step takes longer than its time-out, but for `continue`; orders stop its clock."""
+    if seen.flown.orders or seen.of("says", "stop", "restart"):
+        return
+    for agent in set(seen.ids) - seen.elsewhen:
+        said = seen.statuses[agent][-1:]
+        for result, step in zip(said[0].steps[1:] if said else (), seen.plan.steps, strict=False):
+            took_s = (said[0].time_s if result.end_s is None else result.end_s) - result.start_s
+            over = step.on_timeout is not Policy.CONTINUE and not isinstance(step, ReturnStep)
+            if over and took_s > step.timeout_s + 3.0 and not isinstance(step, LandStep):
+                yield (
+                    f"agent {agent} was in {result.name} for {took_s:.0f} s, its time-out is"
+                    f" {step.timeout_s:g} s"
+                )
+
+
+def _runs_empty(seen: _Seen) -> Iterator[str]:
+    """Nobody flies on with a battery under its reserve, as the vehicle tells it."""
+    policies = seen.plan.policies
+    if policies.battery_low is Policy.CONTINUE:
+        return
+    for agent, said in seen.statuses.items():
+        low = [
+            s
+            for s in said
+            if s.battery_percent is not None
+            and s.battery_percent < policies.battery_reserve_percent
+            and s.time_s < min(seen.taken[agent], seen.first(agent, "kill", "stop"))
+        ]
+        late = [s for s in low if s.time_s > low[0].time_s + 2.0]
+        if any(s.action is None and s.phase is Phase.FLY and s.airborne for s in late):
+            yield (
+                f"agent {agent} flew on with a battery under"
+                f" {policies.battery_reserve_percent:g} % from {low[0].time_s:.1f} s on"
+            )
 
 
 def _goes_on(seen: _Seen, agent: int, gone: set[int], at_s: float, by_s: float) -> bool:
