@@ -631,9 +631,11 @@ def _together(seen: _Seen) -> Iterator[str]:
     the one before, nor was."""
     if not seen.good_mesh or seen.of("part"):
         return
+    expelled = {i for o in seen.flown.orders if o.sent for i in o.sent.command.about}
     skipped = [o.at_s for o in seen.flown.orders if o.line.split()[0] in ("next", "resume")]
     free = [i for i in seen.ids if i not in seen.elsewhen and not math.isfinite(seen.lies[i])]
     free = [i for i in free if not math.isfinite(seen.first(i, "kill", "stop", "restart"))]
+    free = [i for i in free if i not in expelled]
     for agent, other in itertools.permutations(free, 2):
         last, said = seen.statuses[agent][-1:], seen.statuses[other]
         for k, step in enumerate(last[0].steps if last else ()):

@@ -204,6 +204,7 @@ class Agent:
         self._barrier.watch_commands(tick, self._executor.override)
         if self._barrier.alone(now):
             self._drop_command(tick)
+        self._hold_if_expelled()
         self._check_failsafes(tick)
         if self._pausing(tick):
             context.progress.paused_s += self._plan.tick_s
@@ -336,6 +337,16 @@ class Agent:
             context.reference.form(*self._shape)
         after = handler.override
         self._enter(after.step if after else None, before.leg)
+
+    def _hold_if_expelled(self) -> None:
+        """An agent that was expelled on its way up holds as soon as it flies."""
+        context, handler = self._context, self._command_handler
+        if context.phase is not Phase.FLY or context.trigger is not None:
+            return
+        frame = context.reference.frame
+        if handler.hold_expelled(frame.leg if frame else 0) and handler.override is not None:
+            self._executor.overridden(CommandKind.EXPEL, context.progress.current)
+            self._enter(handler.override.step, 0)
 
     # --- steps ---
 

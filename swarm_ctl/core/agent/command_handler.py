@@ -95,6 +95,8 @@ class CommandHandler:
         """Such an order that was not given to all agents."""
         self.expelled: set[int] = set()
         """The agents that the operator has expelled; the own id: the others do not listen."""
+        self._expelled_by: int | None = None
+        """The tag of the command that expelled this agent before it flew, for its hold."""
         self.gain_update = gain_update.GainUpdate(plan, agent_id, plan_hash)
 
     def answer(self, command: Command, situation: AgentSituation, leg: int) -> tuple[Ack, bool]:
@@ -164,9 +166,22 @@ class CommandHandler:
         meant = self._id in command.about
         if command.kind == CommandKind.EXPEL:
             self.expelled.update(command.about)
-            return meant and not _check_flying(command, situation)
+            holds = meant and not _check_flying(command, situation)
+            if meant and not holds:
+                self._expelled_by = command.tag
+            return holds
         self.expelled.difference_update(command.about)
+        self._expelled_by = None if meant else self._expelled_by
         return meant and self.override is not None and self.override.kind == CommandKind.EXPEL
+
+    def hold_expelled(self, leg: int) -> bool:
+        """Hold, now that this agent flies, which was expelled before; whether it was."""
+        if self._expelled_by is None or self.override is not None:
+            return False
+        forever = HoldStep(_FOREVER_S, _FOREVER_S)
+        self.override = Override(CommandKind.EXPEL, forever, self._expelled_by, leg)
+        self._expelled_by = None
+        return True
 
     def drop_alone(self) -> bool:
         """Drop a shape or a move that no other agent flies, for what was flown before; whether
