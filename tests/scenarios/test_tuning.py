@@ -87,8 +87,8 @@ def deaf(swarm: VirtualSwarm, agent: int, *channels: keys.Channel[Any], kind: st
     result to end it."""
     node, take = swarm.members[agent].node, swarm.members[agent].node.take
 
-    def nothing(channel: keys.Channel[Any]) -> list[Any]:
-        heard = take(channel)
+    def nothing(channel: keys.Channel[Any], likely: Any = None) -> list[Any]:
+        heard = take(channel, likely)
         if channel not in channels:
             return heard
         return [item for item in heard if kind and getattr(item[0], "kind", "") != kind]

@@ -39,7 +39,8 @@ class Attacked:
         """One message under the key of `agent`."""
         for other in to:
             key = f"swarm/test/agent/{agent}/{channel}"
-            self._transports[other].deliver(key, encode(payload), self.swarm.now)
+            for inlet in self._transports[other].inlets(key):
+                inlet.put(self.swarm.now, key, encode(payload))
 
     def heard(self, agent: int, data: bytes) -> None:
         """An honest state goes out."""

@@ -130,7 +130,9 @@ def test_no_word_of_a_station_breaks_an_agent(said: list[tuple[str, dict[str, An
         word = replace(payload, **now | changes)
         if on_the_wire(word) is not None:
             for transport in flight._transports.values():
-                transport.deliver(f"swarm/test/station/x/{channel}", encode(word), swarm.now)
+                key = f"swarm/test/station/x/{channel}"
+                for inlet in transport.inlets(key):
+                    inlet.put(swarm.now, key, encode(word))
         swarm.run(0.5)
     swarm.run(2.0)
     assert all(member.alive for member in swarm.members.values())
