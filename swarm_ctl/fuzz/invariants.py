@@ -292,9 +292,9 @@ def _grave(name: str, value: float) -> bool:
 
 
 def _ends(seen: _Seen) -> Iterator[str]:
-    flown = seen.flown
-    if flown.up:
-        yield f"{agents_named(flown.up)} had not ended by {flown.bound_s:.0f} s"
+    up = [agent for agent in seen.flown.up if not math.isfinite(seen.taken[agent])]
+    if up:
+        yield f"{agents_named(up)} had not ended by {seen.flown.bound_s:.0f} s"
 
 
 def _down(seen: _Seen) -> Iterator[str]:
@@ -631,11 +631,12 @@ def _together(seen: _Seen) -> Iterator[str]:
     the one before, nor was."""
     if not seen.good_mesh or seen.of("part"):
         return
-    expelled = {i for o in seen.flown.orders if o.sent for i in o.sent.command.about}
+    sent = [order.sent.command for order in seen.flown.orders if order.sent is not None]
+    alone = {agent for command in sent for agent in (*command.about, *command.agents)}
     skipped = [o.at_s for o in seen.flown.orders if o.line.split()[0] in ("next", "resume")]
     free = [i for i in seen.ids if i not in seen.elsewhen and not math.isfinite(seen.lies[i])]
     free = [i for i in free if not math.isfinite(seen.first(i, "kill", "stop", "restart"))]
-    free = [i for i in free if i not in expelled]
+    free = [i for i in free if i not in alone]
     for agent, other in itertools.permutations(free, 2):
         last, said = seen.statuses[agent][-1:], seen.statuses[other]
         for k, step in enumerate(last[0].steps if last else ()):
@@ -695,7 +696,10 @@ def _against_completed(seen: _Seen) -> Iterator[str]:
     flown, summary = seen.flown, seen.flown.summary
     left = {each.agent for each in summary.left}
     for step in summary.steps:
-        if step.result in (StepVerdict.ABORTED, StepVerdict.TIMEOUT, StepVerdict.NOT_REACHED):
+        planned = seen.plan.steps[step.step - 1] if step.step else None
+        goes_on = planned is not None and planned.on_timeout is Policy.CONTINUE
+        late = step.result is StepVerdict.TIMEOUT and not goes_on
+        if late or step.result in (StepVerdict.ABORTED, StepVerdict.NOT_REACHED):
             yield f"step {step.step} ({step.name}) is {step.result}"
     for each in summary.agents:
         if each.outcome is not Outcome.COMPLETED and each.agent not in left:
