@@ -735,7 +735,9 @@ def _causes(seen: _Seen) -> Iterator[str]:
     piloted = any(pilot for _, _, _, _, pilot in seen.faults)
     mesh = bool(seen.flown.scenario.mesh.model_dump(exclude_defaults=True))
     can: dict[Cause, bool] = {
-        Cause.ORDER: any(order.sent is not None for order in seen.flown.orders),
+        # an agent that lies says that a command holds it
+        Cause.ORDER: any(order.sent is not None for order in seen.flown.orders)
+        or bool(seen.of("says")),
         Cause.STARTER: False,
         Cause.PILOT: piloted or bool(named) or bool(seen.of("kill", "stop", "restart", "clock")),
         Cause.WIND: seen.wind_mps > 0,
