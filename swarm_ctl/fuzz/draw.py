@@ -211,7 +211,7 @@ def _happening(dice: Dice, what: str, at_s: float, ids: list[int], shapes: list[
                 says["moved_m"] = [dice.signed(1, 30, 1), dice.signed(1, 30, 1)]
             else:
                 field = dice.pick(("step", "override", "gains_tag", "stage"))
-                says["set"] = {field: dice.pick((0, 1, 2, 3, 9, 255, 65535))}
+                says["set"] = {field: dice.pick((0, 1, 2, 3, 9, 255))}
             happening |= {"says": says, "for_s": dice.number(0.2, 20, 1)}
     return [happening]
 

@@ -24,6 +24,7 @@ from swarm_ctl.mission.sections.section import AgentId, Section
 from swarm_ctl.mission.sections.simulation_section import FaultEntry, Pilot, SimParameters
 
 STATION: Final = "station"
+_STAGES: Final = 255
 
 Moment = Annotated[float, Field(ge=0, le=86_400)]
 Span = Annotated[float, Field(gt=0, le=86_400)]
@@ -73,6 +74,12 @@ class Says(Section):
     """Its position and stop point are told so far north and east of where they are."""
     set: dict[Literal["step", "override", "gains_tag", "stage"], Count] = Field({})
     """Fields of its state that are told wrong."""
+
+    @model_validator(mode="after")
+    def _on_the_wire(self) -> Self:
+        if self.set.get("stage", 0) > _STAGES:
+            raise ValueError(f"stage {self.set['stage']}; allowed: 0 to {_STAGES}, a byte")
+        return self
 
 
 class Flown(Section):
