@@ -30,6 +30,8 @@ _DT_S: Final = 0.025
 """The model's own step: half a tick."""
 _ROUNDS: Final = 11
 """Refinements, each by `_FINER`: from the first grid's spacing to half a hundredth of it."""
+_MOVES: Final = 30
+"""Grids at most, finer ones and those that move."""
 _FINER: Final = 0.6
 _COUNTS: Final = (15, 13, 9)
 """Points of the first grid: dead times, lags, limits."""
@@ -39,6 +41,8 @@ _FLAT: Final = 1.3
 """A smaller ratio of mean squares does not tell the acceleration limit, so the typical one is kept.
 ArduCopter's steps of 3 m/s fit best without a limit; but with the typical one stop points are
 predicted better in turns, and at 5 m/s twice as well."""
+_EXACT: Final = 1e-5
+"""A mean square of so little [m2/s2] is of the model's own steps, not of the vehicle."""
 _AT_REST_MPS: Final = 0.2
 _STOPPING_S: Final = 2.5
 """The predicted stop point is compared with the place of rest for this long after a stop."""
@@ -130,10 +134,11 @@ def fit(legs: Sequence[Leg], typical: Response) -> Fit:
     runs = [_Run(leg) for leg in legs]
     found = _best(runs, (DEAD_TIME_S, LAG_S, ACCELERATION_MPS2))
     unbounded = _best(runs, (DEAD_TIME_S, LAG_S, (ACCELERATION_MPS2[1],) * 2))
-    limited = _error(runs, unbounded) > _FLAT * _error(runs, found)
+    flat = _FLAT * max(_error(runs, found), _EXACT)
+    limited = _error(runs, unbounded) > flat
     if not limited:
         usual = _best(runs, (DEAD_TIME_S, LAG_S, (typical.acceleration_mps2,) * 2))
-        found = usual if _error(runs, usual) <= _FLAT * _error(runs, found) else found
+        found = usual if _error(runs, usual) <= flat else found
     bounds = (DEAD_TIME_S, LAG_S, (found.acceleration_mps2,) * 2)
     spread = tuple(_best([run], bounds) for run in runs)
     residual = math.sqrt(_error(runs, found))
@@ -231,17 +236,24 @@ def _tried(runs: Sequence[_Run], axes: Sequence[Floats]) -> tuple[Floats, Floats
 def _refined(
     runs: Sequence[_Run], best: Floats, gaps: Floats, limits: tuple[Floats, Floats]
 ) -> tuple[Floats, float]:
-    """The best point that a grid around it leads to, and its cost."""
-    cost = math.inf
-    for _ in range(_ROUNDS - 1):
+    """The best point that a grid around it leads to, and its cost. While its best point lies at its
+    edge the grid moves; then it becomes finer. A valley may be longer than finer grids reach."""
+    cost, finer = math.inf, 0
+    for _ in range(_MOVES):
         around = zip(best, gaps, *limits, strict=True)
         axes = [
             np.unique(np.clip(x + gap * np.linspace(-1, 1, 5), a, b)) for x, gap, a, b in around
         ]
         points, costs = _tried(runs, axes)
         place = int(np.argmin(costs))
+        moved = bool(np.any(np.abs(points[:, place] - best) > 0.75 * gaps))
         best, cost = points[:, place], float(costs[place])
+        if moved:
+            continue
         gaps = gaps * _FINER
+        finer += 1
+        if finer == _ROUNDS - 1:
+            break
     return best, cost
 
 

@@ -57,6 +57,13 @@ def test_the_model_is_dead_time_then_an_exponential_then_a_ramp() -> None:
 @example(
     dead_s=0.0, lag_s=0.7946869188763019, reached=0.265, noise_mps=0.011265475878286472, seed=325
 )
+@example(
+    dead_s=1e-05,
+    lag_s=0.7846996634671557,
+    reached=0.2579131687233733,
+    noise_mps=0.039831600706844716,
+    seed=263,
+)
 @given(
     dead_s=st.floats(0.0, 1.0),
     lag_s=st.floats(0.3, 1.0),
