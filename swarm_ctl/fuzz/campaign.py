@@ -19,7 +19,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from swarm_ctl.errors import InputError
+from swarm_ctl import __version__
+from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.fuzz.coverage import Cell, Coverage, cells_of
 from swarm_ctl.fuzz.draw import draw
 from swarm_ctl.fuzz.invariants import Broken, Invariant, broken
@@ -36,18 +37,26 @@ BATCH: Final = 100
 fly."""
 _TWICE: Final = 50
 """One in so many is flown twice: the same seed has the same bytes."""
+_LOOKS_S: Final = 2.0
+"""Without a flight that is done, by the wall clock, it is looked whether all processes live."""
 _LONGEST: Final = 2000
 """Characters of a traceback."""
 
 
-def fly(scenario: Scenario, mission: LoadedMission) -> tuple[FlownScenario | None, list[Broken]]:
-    """Fly a scenario, and what it broke; None: it raised an error."""
+def fly(
+    scenario: Scenario, mission: LoadedMission, folder: Path | None = None, *, twice: bool = False
+) -> tuple[FlownScenario | None, list[Broken]]:
+    """Fly a scenario, and what it broke; None: it raised an error. `folder`: for what a run leaves;
+    `twice`: where nothing broke, it is flown again and has to be the same."""
     try:
-        flown = fly_scenario(scenario, mission)
-        return flown, broken(flown)
+        flown = fly_scenario(scenario, mission, folder)
+        found = broken(flown)
+        if twice and not found and fly_scenario(scenario, mission).digest != flown.digest:
+            found = [Broken(Invariant.SAME, "flown twice, it was not the same")]
     except Exception:  # what is looked for: an error of any kind
         words = traceback.format_exc()[-_LONGEST:]
         return None, [Broken(Invariant.RAISES, words)]
+    return flown, found
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +112,10 @@ class Campaign:
             self.folder.mkdir(parents=True, exist_ok=True)
             path.write_text(json.dumps(self._head()) + "\n", encoding="utf-8")
             return
-        head, *lines = path.read_text(encoding="utf-8").splitlines() or [""]
+        text = path.read_text(encoding="utf-8")
+        if not text.endswith("\n"):  # cut off while it was written: the next line is its own
+            path.write_text(f"{text}\n", encoding="utf-8")
+        head, *lines = text.splitlines() or [""]
         if head != json.dumps(self._head()):
             raise InputError(
                 f"{path}: is of another seed, mission or version; allowed: another --out"
@@ -112,30 +124,32 @@ class Campaign:
             try:
                 flight = Flight.of(line)
             except (ValueError, KeyError, TypeError):
-                continue  # cut off while it was written: flown again
+                continue  # what was cut off is flown again
             self.done[flight.number] = flight
 
     def _head(self) -> dict[str, Any]:
-        return {"version": 1, "seed": self.seed, "mission": self.mission}
+        return {"version": __version__, "seed": self.seed, "mission": self.mission}
 
     def fly(
         self, flights: int, processes: int | None = None, until_s: float = float("inf")
     ) -> Iterator[Flight]:
-        """Fly those that are missing of so many, until this time by the wall clock of the process;
-        each as it is done."""
+        """Fly those that are missing of so many, each as it is done. At `until_s` of `wall_s` it
+        ends; flights that are not done by then are lost. StartError: a process that flies died."""
         workers = processes or os.cpu_count() or 1
         with _pool(workers) as each, (self.folder / FLIGHTS).open("a", encoding="utf-8") as file:
             for first in range(0, flights, BATCH):
                 numbers = range(first, min(first + BATCH, flights))
                 missing = [number for number in numbers if number not in self.done]
-                if missing and wall_s() >= until_s:
-                    return
+                if not missing:
+                    continue
                 wanted = self.coverage(first)
                 for flight in each(partial(_flight, self.seed, wanted, self.mission), missing):
                     file.write(flight.line() + "\n")
                     file.flush()
                     self.done[flight.number] = flight
                     yield flight
+                    if wall_s() >= until_s:
+                        return
 
     def coverage(self, before: int | None = None) -> Coverage:
         """What the flights with a lower number have met; None: all."""
@@ -146,8 +160,8 @@ class Campaign:
         """The flights that broke something, by what it was: its words without their figures."""
         kinds: dict[tuple[Invariant, str], list[Flight]] = {}
         for _, flight in sorted(self.done.items()):
-            for each in flight.broken[:1]:
-                kinds.setdefault((each.invariant, _kind(each.text)), []).append(flight)
+            for invariant, text in {each.invariant: each.text for each in flight.broken}.items():
+                kinds.setdefault((invariant, kind_of(text)), []).append(flight)
         return kinds
 
     def scenario(self, number: int) -> tuple[Scenario, LoadedMission]:
@@ -155,20 +169,17 @@ class Campaign:
         return draw(self.seed, number, self.coverage(number - number % BATCH), self.mission)
 
 
-def _kind(text: str) -> str:
+def kind_of(text: str) -> str:
+    """The last line of what broke, without its figures."""
     return re.sub(r"[-\d.]+", "#", text.strip().splitlines()[-1])
 
 
 def _flight(seed: int, wanted: Coverage, of: dict[str, Any] | None, number: int) -> Flight:
     began_s = cpu_s()
     scenario, mission = draw(seed, number, wanted, of)
-    flown, found = fly(scenario, mission)
+    flown, found = fly(scenario, mission, twice=number % _TWICE == 0)
     if flown is None:
         return Flight(number, "raised", 0.0, cpu_s() - began_s, (), tuple(found))
-    if number % _TWICE == 0 and not found:
-        again, _ = fly(scenario, mission)
-        if again is None or again.digest != flown.digest:
-            found = [Broken(Invariant.SAME, "flown twice, it was not the same")]
     outcome, cells = str(flown.summary.outcome), tuple(cells_of(flown.met))
     took_s = round(cpu_s() - began_s, 3)
     return Flight(number, outcome, flown.end_s, took_s, cells, tuple(found))
@@ -183,9 +194,26 @@ def _pool(workers: int) -> Iterator[Callable[..., Iterator[Flight]]]:
     context = multiprocessing.get_context("spawn")
     deaf_tracker()
     with deaf_children():
+        others = set(multiprocessing.active_children())
         pool = context.Pool(workers, hears, (signal.SIGTERM,))
+        mine = set(multiprocessing.active_children()) - others
+
+    def each(work: Callable[[int], Flight], numbers: list[int]) -> Iterator[Flight]:
+        flown = pool.imap_unordered(work, numbers)
+        with contextlib.suppress(StopIteration):
+            while True:
+                try:
+                    yield flown.next(timeout=_LOOKS_S)
+                except multiprocessing.TimeoutError:
+                    # a pool starts another one and waits for ever for what the first one flew
+                    if not mine <= set(multiprocessing.active_children()):
+                        raise StartError(
+                            "a process that flies was killed, for want of memory perhaps; allowed:"
+                            " fewer --processes, the same command goes on"
+                        ) from None
+
     with pool:  # ends its workers by SIGTERM
-        yield pool.imap_unordered
+        yield each
 
 
 def write_found(folder: Path, name: str, text: str, scenario: str) -> tuple[Path, Path]:
@@ -195,7 +223,8 @@ def write_found(folder: Path, name: str, text: str, scenario: str) -> tuple[Path
     path, test = where / f"{name}.yaml", where / f"test_{name.replace('-', '_')}.py"
     said = "".join(f"# {line}\n" for line in text.strip().splitlines()[-3:])
     path.write_text(said + scenario, encoding="utf-8")
-    test.write_text(_TEST.format(text=text.strip().splitlines()[-1], name=name), encoding="utf-8")
+    words = text.strip().splitlines()[-1].translate({ord(mark): "'" for mark in '"\\'})
+    test.write_text(_TEST.format(text=words, name=name), encoding="utf-8")
     return path, test
 
 
@@ -203,12 +232,11 @@ _TEST: Final = '''"""{text}"""
 
 from pathlib import Path
 
-from swarm_ctl.fuzz.invariants import broken
+from swarm_ctl.fuzz.campaign import fly
 from swarm_ctl.virtual.scenario import load_scenario
-from swarm_ctl.virtual.scenario_flight import fly_scenario
 
 
 def test_it_is_mended() -> None:
     scenario = Path(__file__).with_name("{name}.yaml")
-    assert broken(fly_scenario(*load_scenario(scenario))) == []
+    assert fly(*load_scenario(scenario), twice=True)[1] == []
 '''

@@ -32,7 +32,7 @@ def fuzz(
     ] = None,
     flights: Annotated[int, option("NUMBER", "How many flights.", min=1)] = 200,
     limit: Annotated[
-        float | None, option("SECONDS", "Begin no more flights after so long.", "--time", min=1)
+        float | None, option("SECONDS", "End after so long; default: none.", "--time", min=1)
     ] = None,
     seed: Annotated[int, option("NUMBER", "Of all that is drawn.", min=0)] = 1,
     processes: Processes = None,
@@ -128,17 +128,21 @@ def _say(campaign: Campaign, console: PlainConsole) -> int:
     flown_s, cpu_s = sum(f.flown_s for f in done), sum(f.cpu_s for f in done)
     pace = f", {flown_s / cpu_s:.0f} times real time on a core" if cpu_s else ""
     kinds = campaign.found()
-    bad = sum(len(found) for found in kinds.values())
+    bad = sum(bool(flight.broken) for flight in done)
     console.say(
         f"{len(done)} flights, {flown_s / 3600:.1f} h of flight{pace}; {bad} broke something"
     )
     for (invariant, _), found in list(kinds.items())[:_SHRUNK]:
         first = found[0]
         console.say(f"{invariant}: {len(found)} flights, the first is {first.number}", style="red")
+        what = next(each for each in first.broken if each.invariant is invariant)
         scenario, _ = campaign.scenario(first.number)
-        small = shrink(scenario, invariant, lambda words: console.say(f"  smaller: {words}"))
+        small = shrink(scenario, what, lambda words: console.say(f"  smaller: {words}"))
+        if small is None:
+            console.say("  flown again now, it does not break that; for all again: another --out")
+            continue
         name = f"{invariant.name.lower()}-{campaign.seed}-{first.number}"
-        path, test = write_found(campaign.folder, name, first.broken[0].text, scenario_text(small))
+        path, test = write_found(campaign.folder, name, what.text, scenario_text(small))
         console.say(f"  {path}, and a test: {test}")
         console.say(f"  again: swarm-ctl fuzz --replay {path}")
     if len(kinds) > _SHRUNK:
@@ -148,21 +152,21 @@ def _say(campaign: Campaign, console: PlainConsole) -> int:
 
 def _replay(path: Path, out: Path, console: PlainConsole) -> int:
     """Fly it with a run folder, which must not be there yet."""
-    from swarm_ctl.fuzz.invariants import broken
+    from swarm_ctl.fuzz.campaign import fly
     from swarm_ctl.report.page.summary_table import verdict_line
     from swarm_ctl.virtual.scenario import load_scenario
-    from swarm_ctl.virtual.scenario_flight import fly_scenario
 
     scenario, mission = load_scenario(path)
     folder = out / "replayed" / path.stem
     if folder.exists():
         raise InputError(f"{folder}: is there already; delete it, or choose another --out")
     require_writable(folder, "choose with --out")
-    flown = fly_scenario(scenario, mission, folder)
-    console.print(verdict_line(flown.summary))
-    found = broken(flown)
+    flown, found = fly(scenario, mission, folder, twice=True)
+    if flown is not None:
+        console.print(verdict_line(flown.summary))
     for each in found:
         console.say(f"{each.invariant}: {each.text}", style="red")
     console.say("no invariant broke" if not found else f"{len(found)} broke")
-    console.say(f"watch it: swarm-ctl replay {folder}; its page: swarm-ctl report {folder}")
+    if flown is not None:
+        console.say(f"watch it: swarm-ctl replay {folder}; its page: swarm-ctl report {folder}")
     return 1 if found else 0

@@ -3,7 +3,9 @@ small."""
 
 from __future__ import annotations
 
+import os
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +13,16 @@ import pytest
 from typer.testing import CliRunner
 
 from swarm_ctl.cli.app import app
-from swarm_ctl.errors import InputError
+from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.fuzz import campaign as campaigns
 from swarm_ctl.fuzz import shrink as shrinking
 from swarm_ctl.fuzz.campaign import FLIGHTS, Campaign, Flight, write_found
 from swarm_ctl.fuzz.coverage import FAULTS, NOTHING, STEPS, WHATS, Cell, Coverage, what_of
-from swarm_ctl.fuzz.draw import Dice, draw
+from swarm_ctl.fuzz.draw import Data, Dice, draw
 from swarm_ctl.fuzz.invariants import Broken, Invariant
 from swarm_ctl.mission.compile.loader import load
-from swarm_ctl.virtual.scenario import Scenario, load_scenario, scenario_text
+from swarm_ctl.mission.input import yaml_file
+from swarm_ctl.virtual.scenario import Scenario, load_scenario, scenario_of, scenario_text
 
 MISSIONS = Path(__file__).parents[3] / "missions"
 DRAWN = 12
@@ -112,28 +115,170 @@ def test_a_campaign_goes_on_where_it_was_ended(
         Campaign(2, tmp_path).load()
 
 
-def test_what_is_found_becomes_small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An error that needs two agents and one order is told by these."""
-    number = next(
-        n
-        for n in range(200)
-        if len(draw(6, n, Coverage())[0].happens) > 2
-        and any(each.order for each in draw(6, n, Coverage())[0].happens)
-    )
-    scenario, _ = draw(6, number, Coverage())
+def test_time_ends_a_campaign_within_a_hundred_flights(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(campaigns, "_flight", fake())
+    campaign = Campaign(1, tmp_path)
+    campaign.load()
+    assert len(list(campaign.fly(300, 1, until_s=0.0))) == 1
 
-    def fly(flown: Scenario, mission: Any) -> Any:
-        bad = len(mission.plan.agents) > 1 and any(each.order for each in flown.happens)
-        return None, [Broken(Invariant.OBEYS, "it did not")] if bad else []
+
+def test_a_journal_that_was_cut_off_loses_one_flight_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The line that is written next does not become part of the cut one."""
+    monkeypatch.setattr(campaigns, "_flight", fake())
+    flown = []
+    for cut in (20, 0, 0):
+        campaign = Campaign(1, tmp_path)
+        campaign.load()
+        flown.append([flight.number for flight in campaign.fly(3, 1)])
+        path = tmp_path / FLIGHTS
+        path.write_text(path.read_text()[: -cut or None])
+    assert flown == [[0, 1, 2], [2], []]
+
+
+def dies(_seed: int, _wanted: Coverage, _of: Any, number: int) -> Flight:
+    """The second flight takes its process with it."""
+    if number == 1:
+        os._exit(9)
+    return Flight(number, "completed", 60.0, 0.1, (), ())
+
+
+def test_a_process_that_dies_ends_the_campaign(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A pool would wait for its flight for ever."""
+    monkeypatch.setattr(campaigns, "_flight", dies)
+    monkeypatch.setattr(campaigns, "_LOOKS_S", 0.1)
+    campaign = Campaign(1, tmp_path)
+    campaign.load()
+    with pytest.raises(StartError, match="was killed"):
+        list(campaign.fly(3, 2))
+    again = Campaign(1, tmp_path)
+    again.load()
+    assert 1 not in again.done
+
+
+def test_all_that_a_flight_broke_is_counted(tmp_path: Path) -> None:
+    """A fault that all flights have hides no other one; one that broke twice counts once."""
+    both = Broken(Invariant.APART, "1 m"), Broken(Invariant.DOWN, "2"), Broken(Invariant.DOWN, "3")
+    campaign = Campaign(1, tmp_path, done={4: Flight(4, "failed", 9.0, 0.1, (), both)})
+    assert [(kind[0], len(found)) for kind, found in campaign.found().items()] == [
+        (Invariant.APART, 1),
+        (Invariant.DOWN, 1),
+    ]
+
+
+def planted(
+    monkeypatch: pytest.MonkeyPatch, invariant: Invariant, bad: Callable[[Data], bool]
+) -> Counter[str]:
+    """No flight of shrinking takes time: those of a scenario that is `bad` break something."""
+    flown = Counter[str]()
+
+    def fly(scenario: Scenario, _mission: Any, *, twice: bool) -> Any:
+        flown["twice" if twice else "once"] += 1
+        data = scenario.model_dump(mode="json", exclude_unset=True, by_alias=True)
+        return None, [Broken(invariant, f"{len(data['happens'])} m")] if bad(data) else []
 
     monkeypatch.setattr(shrinking, "fly", fly)
-    small = shrinking.shrink(scenario, Invariant.OBEYS)
+    return flown
+
+
+def busy(seed: int) -> Scenario:
+    """A drawn scenario with four happenings or more, an order among them."""
+    drawn = (draw(seed, number, Coverage())[0] for number in range(200))
+    return next(
+        scenario
+        for scenario in drawn
+        if len(scenario.happens) > 3 and any(each.order for each in scenario.happens)
+    )
+
+
+def test_what_is_found_becomes_small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An error that needs two agents and one order is told by these, after few flights."""
+    flown = planted(
+        monkeypatch,
+        Invariant.OBEYS,
+        lambda data: (
+            len(data["mission"]["agents"]) > 1 and any("order" in each for each in data["happens"])
+        ),
+    )
+    small = shrinking.shrink(busy(6), Broken(Invariant.OBEYS, "5 m"))
+    assert small is not None
     assert isinstance(small.mission, dict)
     assert len(small.mission["agents"]) == 2
     assert [each.kind for each in small.happens] == ["order"]
     assert len(small.mission["steps"]) == 2
+    assert not small.mission.keys() & {"policies", "fence", "simulation", "vehicle"}
+    assert flown["once"] < 80
     path, test = write_found(tmp_path, "obeys-6-1", "it did not", scenario_text(small))
     assert load_scenario(path)[0] == small
+    compile(test.read_text(), str(test), "exec")
+
+
+def test_a_loss_is_all_that_stays_of_a_bad_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Mesh and weather become smaller by parts, and agents leave orders and parts."""
+    square = load(MISSIONS / "square.yaml").file
+    mission = square.model_dump(mode="json", exclude_unset=True, by_alias=True)
+    wind = {"SIM_WIND_SPD": 3.0, "SIM_GPS_NOISE": 0.1}
+    mission |= {"simulation": {"since": "start", "parameters": wind}}
+    happens = [
+        {"at_s": 9, "order": "hold @1,3"},
+        {"at_s": 12, "part": {"one": [1, 2], "other": [3, 4, "station"]}},
+    ]
+    mesh = {"loss": 0.2, "delay_s": 0.1, "duplicate": 0.1}
+    data = {"version": 1, "mission": mission, "mesh": mesh, "happens": happens}
+    scenario, _ = scenario_of(yaml_file.write(data))
+    planted(
+        monkeypatch,
+        Invariant.ACTS,
+        lambda data: (
+            "loss" in data.get("mesh", {})
+            and "SIM_GPS_NOISE" in data["mission"].get("simulation", {}).get("parameters", {})
+            and any("@1" in each.get("order", "") for each in data["happens"])
+            and any("part" in each for each in data["happens"])
+        ),
+    )
+    small = shrinking.shrink(scenario, Broken(Invariant.ACTS, "1 m"))
+    assert small is not None
+    assert isinstance(small.mission, dict)
+    assert small.mesh.model_dump(exclude_unset=True) == {"loss": 0.2}
+    assert small.mission["simulation"]["parameters"] == {"SIM_GPS_NOISE": 0.1}
+    assert len(small.mission["agents"]) == 2  # a square has no side with one
+    order, part = small.happens
+    assert order.order == "hold @1"
+    assert part.part is not None
+    assert (len(part.part.one), len(part.part.other)) == (1, 1)
+
+
+def test_only_the_same_error_stays_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What raises another one, in another place, is not what was found."""
+    planted(monkeypatch, Invariant.RAISES, lambda _: True)
+    assert shrinking.shrink(busy(6), Broken(Invariant.RAISES, "KeyError: 'x'")) is None
+    small = shrinking.shrink(busy(6), Broken(Invariant.RAISES, "Traceback\n5 m"))
+    assert small is not None
+    assert small.happens == ()
+
+
+def test_what_differs_when_flown_again_is_flown_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    flown = planted(monkeypatch, Invariant.SAME, lambda _: True)
+    small = shrinking.shrink(busy(6), Broken(Invariant.SAME, "it was not the same"))
+    assert small is not None
+    assert not flown["once"]
+
+
+def test_what_does_not_break_any_more_is_not_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where it was mended, and the same command is given again."""
+    flown = planted(monkeypatch, Invariant.OBEYS, lambda _: False)
+    assert shrinking.shrink(busy(6), Broken(Invariant.OBEYS, "5 m")) is None
+    assert flown.total() == 1
+
+
+@pytest.mark.parametrize("words", ['KeyError: "x"', r"ValueError: C:\new \x", 'a """ b', "{name}"])
+def test_a_test_of_any_words_is_python(words: str, tmp_path: Path) -> None:
+    _, test = write_found(tmp_path, "raises-1-1", f"Traceback\n{words}", "version: 1\n")
     compile(test.read_text(), str(test), "exec")
 
 
@@ -147,8 +292,13 @@ def test_the_command_says_by_its_exit_code_what_it_found(
     assert "3 flights" in good.output
     assert "0 broke something" in good.output
     monkeypatch.setattr(campaigns, "_flight", fake((4,)))
-    monkeypatch.setattr(shrinking, "MOST", 0)
+    planted(monkeypatch, Invariant.APART, lambda _: True)
+    monkeypatch.setattr(shrinking, "MOST", 1)
     bad = CliRunner().invoke(app, ["fuzz", *options[2:], "--flights", "6"])
     assert bad.exit_code == 1, bad.output
     assert "1 broke something" in bad.output
     assert (tmp_path / "found" / "apart-1-4.yaml").exists()
+    planted(monkeypatch, Invariant.APART, lambda _: False)
+    mended = CliRunner().invoke(app, ["fuzz", *options[2:], "--flights", "6"])
+    assert mended.exit_code == 1, mended.output
+    assert "it does not break that" in mended.output
