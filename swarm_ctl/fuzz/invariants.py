@@ -19,6 +19,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from swarm_ctl.core.agent.agent import STATUS_EVERY_S
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Outcome, Phase
 from swarm_ctl.core.model.plan import LandStep, Policy, ReturnStep, TakeoffStep
@@ -233,6 +234,7 @@ class _Seen:
         scenario, fleet = self.flown.scenario, self.flown.mission.fleet.agents
         return (
             not (self.happens or self.parameters or self.faults or scenario.clocks)
+            and not envelope.outside(self.plan)
             and not scenario.mesh.model_dump(exclude_defaults=True)
             and all(entry.simulated_response is None for entry in fleet)
             and self.enveloped
@@ -574,8 +576,14 @@ def _times_out(seen: _Seen) -> Iterator[str]:
         said = seen.statuses[agent][-1:]
         for result, step in zip(said[0].steps[1:] if said else (), seen.plan.steps, strict=False):
             took_s = (said[0].time_s if result.end_s is None else result.end_s) - result.start_s
-            over = step.on_timeout is not Policy.CONTINUE and not isinstance(step, ReturnStep)
-            if over and took_s > step.timeout_s + 3.0 and not isinstance(step, LandStep):
+            ends = step.on_timeout not in (Policy.CONTINUE, Policy.HOLD)
+            ends = ends and not isinstance(step, ReturnStep | LandStep)
+            until_s = result.start_s + took_s
+            held = sum(
+                s.action is FailsafeAction.HOLD and result.start_s <= s.time_s <= until_s
+                for s in seen.statuses[agent]
+            )
+            if ends and took_s > step.timeout_s + held * STATUS_EVERY_S + _ACTS_S:
                 yield (
                     f"agent {agent} was in {result.name} for {took_s:.0f} s, its time-out is"
                     f" {step.timeout_s:g} s"

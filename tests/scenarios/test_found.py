@@ -21,3 +21,10 @@ def test_it_is_mended(path: Path) -> None:
     flown = fly_scenario(*load_scenario(path))
     assert broken(flown) == []
     assert flown.summary.outcome == outcome, flown.summary.reason
+
+
+def test_a_hold_says_its_reason_once() -> None:
+    """The reason of a hold is what the step lacked, and stays that."""
+    flown = fly_scenario(*load_scenario(FOUND[0].with_name("held-after-its-time-out.yaml")))
+    held = {status.reason for status in flown.statuses if status.action == "hold"}
+    assert held == {"step 1 (takeoff) timed out after 3.7 s: this agent was not done"}

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from swarm_ctl.core.agent import failsafes
 from swarm_ctl.core.agent.barrier import Barrier
@@ -57,7 +58,7 @@ from swarm_ctl.core.swarm.plausibility import Doubt, Finding
 from swarm_ctl.core.swarm.slot_exchange import SlotExchange
 
 _STANDS_MPS = 0.5
-_STATUS_EVERY_S = 0.5
+STATUS_EVERY_S: Final = 0.5
 _SIGMA_EVERY_S = 0.2
 _LINGER_S = 2.0
 """After the end an agent goes on saying so, and gives the vehicle its parameters back."""
@@ -185,7 +186,7 @@ class Agent:
         self._station: HeardStation | None = None
         self._notes: list[ParameterNote] = []
         self._attention = Attention()
-        self._told_to_end = ""
+        self._told_to_end = self._waits = ""
         self._seq = 0
         self._status_due = self._sigma_due = now
         self._refused_said = RefusalsSaid()
@@ -396,6 +397,8 @@ class Agent:
             return
         context.watch_height(tick)
         landing = context.landing_s is not None
+        if context.trigger is None:
+            self._waits = context.reason
         trigger = failsafes.find(
             failsafes.Situation(
                 tick,
@@ -418,7 +421,7 @@ class Agent:
                 accepted=self._barrier.accepted,
                 fell=context.fell(tick.now),
                 sunk_s=context.sunk_s(tick.now),
-                waits=context.reason,
+                waits=self._waits,
             )
         )
         if failsafes.replaces(trigger, context.trigger, landing=landing):
@@ -492,7 +495,7 @@ class Agent:
                 actions.sigma = SigmaReport(self._id, now, (0.0, 0.0), (0.0, 0.0), ())
             self._sigma_shown = actions.sigma is not None and bool(actions.sigma.pairs)
         if now >= self._status_due or ending:
-            self._status_due = now + _STATUS_EVERY_S
+            self._status_due = now + STATUS_EVERY_S
             refused = inbox.refused(now)
             for text in self._refused_said.due(refused, now):
                 context.say(now, Severity.WARNING, text)

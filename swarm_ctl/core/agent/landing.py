@@ -9,11 +9,12 @@ from typing import Final
 
 from swarm_ctl.core.agent.failsafes import FailsafeTrigger, failed
 from swarm_ctl.core.agent.flight_context import FlightContext
-from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch, deserted
+from swarm_ctl.core.agent.return_to_launch import HOME_TOLERANCE_M, ReturnToLaunch, deserted
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Outcome, Phase, ReturnStage, Severity
 from swarm_ctl.core.model.plan import Point
+from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S
 from swarm_ctl.core.model.vehicle import (
     MISPLACED_M,
@@ -26,6 +27,7 @@ from swarm_ctl.core.model.vehicle import (
     Vector3,
     YieldGoal,
 )
+from swarm_ctl.core.swarm.snapshot import OtherAircraft
 
 _AT_REST_MPS = 0.3
 _BRAKE_AT_MOST_S = 3.0
@@ -78,6 +80,8 @@ class Landing:
         """When it last made room before it landed."""
         self._place_m: Point | None = None
         """Where it is to come down."""
+        self._home_s = -math.inf
+        """When it came to rest over its own start."""
         self._disarmed_since: float | None = None
         self._lands_since: float | None = None
         """Since when a vehicle that we yielded has been in its landing mode [s]."""
@@ -156,9 +160,8 @@ class Landing:
             return self.land(tick)
         stage = way_back.update(tick.peers, fix, context.height(fix) if fix else 0.0)
         if stage is ReturnStage.DOWN and not way_back.blocked:
-            # The plan keeps its own start for it, whichever vehicle stands beside that.
-            if context.landing_s is None:
-                context.landing_s, self._place_m = tick.now, way_back.home_m
+            if context.landing_s is None and math.isinf(self._home_s):
+                self._come_down_at_home(tick)
             return self.land(tick)
         context.reason = context.reason or f"return: {stage.name.lower()}"
         context.target_height_m = way_back.height_m
@@ -168,6 +171,26 @@ class Landing:
         velocity = context.controller.go_to(tick.peers, way_back.home_m, speed)
         return context.setpoint(tick.now, fix, velocity)
 
+    def _come_down_at_home(self, tick: Tick) -> None:
+        """On the own start, which the plan keeps for it, whichever vehicle stands at its own start
+        beside that. One that came down elsewhere is landed beside."""
+        context = self._context
+        self._home_s = tick.now
+        astray = [peer.id for peer in self._below(tick) if not self._at_its_start(peer)]
+        if not astray:
+            context.landing_s, self._place_m = tick.now, self._way_back.home_m
+            return
+        stands = f"{agents_named(astray)} came down beside its start: it lands aside"
+        context.say(tick.now, Severity.WARNING, f"return: {stands}")
+
+    def _at_its_start(self, peer: OtherAircraft) -> bool:
+        starts = [agent.start for agent in self._plan.agents if agent.id == peer.id]
+        unit = self._plan.unit_m
+        return any(
+            abs(complex(*start) * unit - peer.stop_point) <= WANDERS_M + HOME_TOLERANCE_M
+            for start in starts
+        )
+
     def land(self, tick: Tick, brake_s: float = 0.0) -> Goal:
         """Stand still first, so that no agent drops its avoidance while it moves; then down in
         place."""
@@ -175,7 +198,7 @@ class Landing:
         if context.landing_s is None:
             waited = now - self._begun_s
             slow = fix is not None and math.hypot(*fix.velocity_ned_mps[:2]) < _AT_REST_MPS
-            over, crowded = self._over_another(tick), self._crowded(tick)
+            over, crowded = bool(self._below(tick)), self._crowded(tick)
             aside = (over or crowded) and waited < brake_s + _ASIDE_AT_MOST_S
             if aside:
                 self._aside_s = now
@@ -218,13 +241,13 @@ class Landing:
         context.say(now, Severity.INFO, f"ended: {context.outcome}{why}")
         return ReleaseGoal()
 
-    def _over_another(self, tick: Tick) -> bool:
-        """A vehicle that stands on the ground is hardly farther than `r_in`: flown over, not landed
+    def _below(self, tick: Tick) -> list[OtherAircraft]:
+        """The vehicles on the ground that are hardly farther than `r_in`: flown over, not landed
         on."""
         own, law = complex(*self._context.controller.stop_point_m), self._plan.law
         reach = law.r_in + _BESIDE * (law.r_out - law.r_in)
         near = tick.peers.near(own, reach * self._plan.unit_m)
-        return any(other.down for other in near)
+        return [other for other in near if other.down]
 
     def _crowded(self, tick: Tick) -> bool:
         """A vehicle in the air is so near that the two may come under `r_in` while both land."""
@@ -275,9 +298,11 @@ class Landing:
 
     @property
     def _begun_s(self) -> float:
-        """When this way down began: with the trigger, or with the mission's own step."""
+        """When this way down began: with the trigger, with the mission's own step, or over the own
+        start."""
         context = self._context
-        return context.trigger_s if context.trigger else context.progress.started_s
+        since = context.trigger_s if context.trigger else context.progress.started_s
+        return max(since, self._home_s)
 
     def _cannot_return(self, tick: Tick) -> str:
         """Why the way back has to be given up, or ''."""

@@ -219,7 +219,7 @@ class StepExecutor:
     def _formation_velocity(self, tick: Tick, step: Step) -> Point:
         context, reference = self._context, self._context.reference
         own, key = context.controller.stop_point_m, (context.progress.step, self.override)
-        extra, common, off = (0.0, 0.0), 0j, None
+        extra, common, spin, off = (0.0, 0.0), 0j, 0j, None
         if not isinstance(step, FormStep):
             free = context.trigger is None
             error_m = self._barrier.formation_error_m
@@ -227,8 +227,8 @@ class StepExecutor:
             reference.follow(others, step, key, own, error_m, free=free)
             extra = reference.feed_forward(step)
             off = reference.off_m(own) if reference.leads and reference.slots else None
-            common = complex(*reference.common_mps(step))
-        formation = Formation(reference.slots, context.neighbourhood.own, common, key)
+            common, spin = complex(*reference.common_mps(step)), reference.spin(step)
+        formation = Formation(reference.slots, context.neighbourhood.own, common, key, spin)
         return context.controller.form(tick.peers, formation, extra, off)
 
     def _exchange_slots(self, tick: Tick, step: Shaped) -> None:

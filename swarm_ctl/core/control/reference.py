@@ -245,6 +245,15 @@ class Reference:
             return (0.0, 0.0)
         return velocity_mps(self.frame, step, (0.0, 0.0), self.radius_m)
 
+    def spin(self, step: Step) -> complex:
+        """How the formation grows and turns about its centre [1/s]: a place at `p` from there,
+        north + 1j * east, moves with `spin * p` besides."""
+        frame = self.frame
+        if frame is None or not isinstance(step, RotateStep | ScaleStep) or not self._slots:
+            return 0j
+        north, east = velocity_mps(frame, step, (1.0, 0.0), self.radius_m)
+        return complex(north, east) / complex(*turned((1.0, 0.0), frame.angle_rad, frame.scale))
+
     def off_m(self, own_m: Point) -> Point:
         """From the own stop point to the own place in the frame, (north, east) [m]."""
         if self.frame is None:

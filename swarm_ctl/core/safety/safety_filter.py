@@ -165,12 +165,23 @@ class SafetyFilter:
                 continue
             apart = constraints.carried(own - other.stop_point, other)
             if constraints.kept(abs(apart), self._margins):
+                along_mps = self._turning(formation, other.id)
                 normal, bound = constraints.guard_plane(
-                    apart, other.setpoint - moving, self._margins
+                    apart, other.setpoint - moving - along_mps, self._margins
                 )
+                bound += (normal.conjugate() * along_mps).real
                 if bound > -self._margins.speed:
                     planes.append((normal.real, normal.imag, bound))
         return planes
+
+    def _turning(self, formation: Formation, other: int) -> complex:
+        """How fast [m/s] the middle of the link to `other` moves as the shape turns and grows: both
+        ends fly along with it, and only what they fly besides stretches the link. Without it, a
+        stretched link lets neither end go on, and a shape creeps through its turn."""
+        if not formation.spin:
+            return 0j
+        ends = complex(*formation.slots[self._own]) + complex(*formation.slots[other])
+        return formation.spin * 0.5 * ends * self._plan.unit_m
 
     def _nearest(
         self, wish: complex, keep_outs: _KeepOuts, soft: list[Plane], cap: float

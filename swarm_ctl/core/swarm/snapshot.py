@@ -159,6 +159,8 @@ class Formation:
     """The velocity that all of the formation share."""
     key: tuple[int, int] | None = None
     """The (step, override) that peers of the same formation tell; None: no formation."""
+    spin: complex = 0j
+    """How it grows and turns about its centre [1/s] (`Reference.spin`)."""
 
 
 NO_FORMATION: Final = Formation({}, frozenset())
