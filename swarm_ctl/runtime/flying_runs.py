@@ -49,8 +49,8 @@ def flying_run(named: Path | str | None = None, runs: Path = RUNS) -> Path:
         StartError: no run flies, or the one that is named has ended.
     """
     if named is not None and (Path(named) / MANIFEST).exists():
-        if (Path(named) / SUMMARY).exists():
-            raise StartError(f"{named} has ended; watch it again with swarm-ctl replay {named}")
+        if why := ended(Path(named), read_manifest(Path(named))):
+            raise StartError(f"{named} {why}; watch it again with swarm-ctl replay {named}")
         return Path(named)
     flying = _flying(runs)
     meant = {
@@ -61,7 +61,8 @@ def flying_run(named: Path | str | None = None, runs: Path = RUNS) -> Path:
     if len(meant) == 1:
         return next(iter(meant))
     if meant:
-        by = "folder" if named is not None else "mission or its folder"
+        alike = len({manifest.plan.name for manifest in meant.values()}) < len(meant)
+        by = "folder" if alike else "mission or its folder"
         raise InputError(
             f"{len(meant)} swarms are in the air: {_listed(meant)}; name one by its {by}"
         )
@@ -70,8 +71,8 @@ def flying_run(named: Path | str | None = None, runs: Path = RUNS) -> Path:
         raise InputError(f"{named} is no run folder, and no mission that flies; {rest}")
     if unsure := _started_elsewhere(runs):
         return max(unsure)
-    ended = max((path.parent for path in runs.glob(f"*/{MANIFEST}")), default=None)
-    newest = f"; the newest run there, {ended.name}, has ended" if ended else ""
+    last = max((path.parent for path in runs.glob(f"*/{MANIFEST}")), default=None)
+    newest = f"; the newest run there, {last.name}, has ended" if last else ""
     raise StartError(
         f"nothing flies: no run in {runs}/ is in the air{newest}. Start one with swarm-ctl run, or"
         " name the folder of one that flies"
@@ -84,25 +85,44 @@ def _started_elsewhere(runs: Path) -> list[Path]:
     return [folder for folder in open_ if read_manifest(folder).elsewhere]
 
 
+def ended(folder: Path, manifest: Manifest) -> str:
+    """That a run has ended, in words that follow its name; '' where it flies, starts, or has its
+    agents on other hosts, where no process tells of them."""
+    if (folder / SUMMARY).exists():
+        return "has ended"
+    processes = folder / PROCESSES
+    if manifest.elsewhere or not processes.exists():
+        return ""
+    if _restarted_since(manifest) or not _one_lives(processes):
+        return "has ended without a summary: it was killed, and none of its processes lives"
+    return ""
+
+
 def _flying(runs: Path) -> dict[Path, Manifest]:
     """By folder: without a summary, and one of its agents' processes lives."""
     found: dict[Path, Manifest] = {}
     for path in sorted(runs.glob(f"*/{PROCESSES}")):
         folder = path.parent
-        if (folder / SUMMARY).exists() or not _agent_lives(path):
+        if (folder / SUMMARY).exists() or not _one_lives(path, "agent-"):
             continue
         manifest = read_manifest(folder)
-        if manifest.epoch_s <= wall.wall_s():  # else the machine was started again since
+        if not _restarted_since(manifest):
             found[folder] = manifest
     return found
 
 
-def _agent_lives(processes: Path) -> bool:
+def _restarted_since(manifest: Manifest) -> bool:
+    """The machine was started again since the run was."""
+    return manifest.epoch_s > wall.wall_s()
+
+
+def _one_lives(processes: Path, kind: str = "") -> bool:
+    """One of the processes lives whose name begins so."""
     try:
         pids = _PIDS.validate_json(read_bytes(processes, _MOST_BYTES))
     except (OSError, ValidationError):
         return False  # torn, or of another program
-    return any(_lives(pid) for name, pid in pids.items() if name.startswith("agent-"))
+    return any(_lives(pid) for name, pid in pids.items() if name.startswith(kind))
 
 
 def _lives(pid: int) -> bool:
@@ -114,7 +134,11 @@ def _lives(pid: int) -> bool:
         return False
     except PermissionError:  # another user's
         return True
-    return True
+    try:
+        state = Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[:1]
+    except OSError:  # no Linux, or it has ended meanwhile
+        return True
+    return state != [b"Z"]  # dead, and nothing has asked for its exit code: a container's first may
 
 
 def _listed(runs: dict[Path, Manifest]) -> str:

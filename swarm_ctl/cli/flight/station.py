@@ -74,7 +74,7 @@ def station(
     From another terminal, give the run folder or the mission's name, or neither if only one swarm
     flies. From another host, give the mission file and the agents' mesh addresses: the station
     waits until it hears them. It shows agents that fly another plan, but can't send them a shape.
-    Ctrl-C leaves; the swarm flies on.
+    Ctrl-C leaves; the swarm flies on. Without a dashboard it ends with the run.
 
     With --runs it is the flight's own station, as that of `run`: agents that were started with
     --expect-station wait for it, and its exit code is the mission's (0 completed, 1 failed, 130

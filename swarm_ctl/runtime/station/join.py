@@ -15,14 +15,15 @@ from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.mission.compile.offers import pack
 from swarm_ctl.mission.fleet.exposure import leaves_loopback, refuse_exposed
 from swarm_ctl.report.folder.last_statuses import read_commands, read_events
-from swarm_ctl.report.folder.manifest import read_manifest
+from swarm_ctl.report.folder.manifest import Manifest, read_manifest
 from swarm_ctl.runtime import clock as wall
+from swarm_ctl.runtime.flying_runs import ended
 from swarm_ctl.runtime.foxglove.recorders import LiveRecorder, foxglove_on
 from swarm_ctl.runtime.protection import NO_KEYS, Keys, explained, station_identity
 from swarm_ctl.runtime.served import Ports
 from swarm_ctl.runtime.station.ground_station import Station, open_node
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
-from swarm_ctl.runtime.station.screens import Show, present
+from swarm_ctl.runtime.station.screens import Show, possible, present
 from swarm_ctl.runtime.station.station_loop import GuestControl, loop, metrics_on
 from swarm_ctl.runtime.vehicle_memory import SwarmMemory, VehicleMemory, state_folder
 from swarm_ctl.station.picture.protection import protection
@@ -53,7 +54,14 @@ def join_run(folder: Path, show: Show, ports: Ports, keys: Keys = NO_KEYS) -> No
         station.recall(read_commands(folder, notes))
         words = "; ".join(["the log begins with the run's events and commands", _ALARMS, *notes])
         start_s = manifest.started_at.timestamp()
-        _watch(station, GuestControl(_Once(words)), show, ports, start_s)
+        stays = possible(show) is Show.DASHBOARD
+        control = GuestControl(_Once(words), lambda: _end_of(folder, manifest), stays=stays)
+        _watch(station, control, show, ports, start_s)
+
+
+def _end_of(folder: Path, manifest: Manifest) -> str:
+    why = ended(folder, manifest)
+    return f"{folder} {why}; watch it again with swarm-ctl replay {folder}" if why else ""
 
 
 class SwarmMesh:

@@ -24,6 +24,8 @@ _LOOP_WALL_S: Final = 0.05
 _SHOW_WALL_S: Final = 0.25
 _SHOW_MANY_WALL_S: Final = 0.5
 """Of a large swarm: a picture of 100 agents takes up to 60 ms of a core."""
+_LOOK_WALL_S: Final = 1.0
+"""Between two looks whether the swarm of a guest has ended."""
 _BLIND_WALL_S: Final = 5.0
 _BLIND: Final = "there is no picture of the swarm now: what is shown is old; commands go out"
 _SILENT_S: Final = 15.0
@@ -97,16 +99,35 @@ def give(order: Order, station: Station, screen: Screen) -> None:
 
 
 class GuestControl:
-    """Of a station that has joined a swarm: it ends with its screen."""
+    """Of a station that has joined a swarm: it ends with its screen; log lines and JSON, which no
+    one closes, with the swarm."""
 
-    def __init__(self, hint: Callable[[], str] = str) -> None:
+    def __init__(
+        self, hint: Callable[[], str] = str, over: Callable[[], str] = str, *, stays: bool = True
+    ) -> None:
         self._hint = hint
         """What to tell the operator now; '' for nothing."""
+        self._over = over
+        """That the swarm has ended, for the operator; '' while it has not, or may not have."""
+        self._stays = stays
+        """It goes on then, for an operator who looks at what is left."""
+        self._look_wall_s = 0.0
+        self._told = False
 
     def obey(self, station: Station, screen: Screen) -> bool:
         if text := station.shows.run(self._hint):
             screen.note(text)
-        return screen.left
+        return screen.left or (self._ended(station, screen) and not self._stays)
+
+    def _ended(self, station: Station, screen: Screen) -> bool:
+        if not self._told and wall.wall_s() >= self._look_wall_s:
+            self._look_wall_s = wall.wall_s() + _LOOK_WALL_S
+            if text := station.shows.run(self._over):
+                self._told = True
+                if (view := station.seen()) is not None:
+                    station.shows.run(screen.show, view)
+                screen.note(text)
+        return self._told
 
 
 class RunControl:

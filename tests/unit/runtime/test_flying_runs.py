@@ -81,6 +81,42 @@ def test_where_nothing_flies_it_is_said_before_anything_is_asked(tmp_path: Path,
         flying_run(newest, tmp_path)
 
 
+def test_a_run_that_was_killed_is_said_to_have_ended(tmp_path: Path, dead: int) -> None:
+    """By its folder, too: else a station joins it and waits for ever. Its station may outlive it
+    for a moment, and the swarm still lands then."""
+    folder = a_run(tmp_path, "1-square", "square", dead)
+    assert flying_run(folder, tmp_path) == folder, "its station lives"
+    (folder / "processes.json").write_text(json.dumps({"agent-1": dead, "station": dead}))
+    with pytest.raises(StartError, match=r"1-square has ended without a summary: it was killed"):
+        flying_run(folder, tmp_path)
+
+
+def test_a_process_that_nothing_has_asked_for_its_exit_code_is_dead(tmp_path: Path) -> None:
+    """In a container the first process may ask for none."""
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
+    try:
+        a_run(tmp_path, "1-square", "square", process.pid)
+        with pytest.raises(StartError, match=r"^nothing flies"):
+            flying_run(None, tmp_path)
+    finally:
+        process.wait()
+
+
+def test_a_run_that_starts_has_not_ended(tmp_path: Path) -> None:
+    folder = tmp_path / "1-square"
+    folder.mkdir()
+    write_manifest(folder, manifest(replace(PLAN, name="square"), epoch_s=0.0))
+    assert flying_run(folder, tmp_path) == folder
+
+
+def test_of_two_alike_none_is_named_by_its_mission(tmp_path: Path) -> None:
+    for k in (1, 2):
+        a_run(tmp_path, f"{k}-square", "square", os.getpid())
+    with pytest.raises(InputError, match=r"; name one by its folder$"):
+        flying_run(None, tmp_path)
+
+
 def test_a_run_whose_agents_other_hosts_started_is_meant_where_no_other_flies(
     tmp_path: Path,
 ) -> None:

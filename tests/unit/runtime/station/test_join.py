@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from swarm_ctl.core.model.messages import Ack, Command, Event, Severity
 from swarm_ctl.recording.mcap_recorder import McapRecorder
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.report.folder.last_statuses import read_commands, read_events
+from swarm_ctl.rim import Rim
+from swarm_ctl.runtime.station import station_loop
 from swarm_ctl.runtime.station.join import _Hint
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
 from swarm_ctl.station.picture.journal import EntryKind, Journal
@@ -45,3 +49,44 @@ def test_without_a_run_folder_it_says_that_its_log_begins_now() -> None:
     clock.hear(40.0)
     assert "log from now on" in hint()
     assert hint() == ""
+
+
+class _Lines:
+    """A screen of lines."""
+
+    left = False
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+
+    def show(self, _: object) -> None:
+        pass
+
+    def note(self, text: str) -> None:
+        self.told.append(text)
+
+
+class _Station:
+    """As much of a station as a control asks."""
+
+    shows = Rim("what is shown")
+
+    @staticmethod
+    def seen() -> None:
+        return None
+
+
+@pytest.mark.parametrize("stays", [False, True])
+def test_a_guest_ends_with_the_swarm_where_no_one_closes_its_screen(
+    stays: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Log lines ended with the run for the reader alone: the command went on for ever. It is told
+    once, and a dashboard stays for its operator."""
+    times = iter(range(100))
+    monkeypatch.setattr(station_loop.wall, "wall_s", lambda: next(times))
+    end, screen = "", _Lines()
+    control = station_loop.GuestControl(over=lambda: end, stays=stays)
+    assert not control.obey(_Station(), screen)  # type: ignore[arg-type]
+    end = "runs/1-square has ended"
+    assert [control.obey(_Station(), screen) for _ in range(3)] == [not stays] * 3  # type: ignore[arg-type]
+    assert screen.told == [end]
