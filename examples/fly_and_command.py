@@ -18,7 +18,8 @@ async def main(vehicles: str) -> None:
         await swarm.resume()
         await swarm.move(north_m=65, east_m=75)
         await swarm.until(lambda view: view.error_m is not None and view.error_m < 1)
-        result = await swarm.land()
+        await swarm.land()
+        result = await swarm.finish()
     for agent, outcome in result.outcomes.items():
         print(f"agent {agent}: {outcome}")
     print(f"nearest two vehicles: {result.closest_m:.2f} m")

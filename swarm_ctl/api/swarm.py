@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Final, TypeVar
+from typing import TYPE_CHECKING, Final, Never, TypeVar
 
 from swarm_ctl.api.flight import FlightError, FlightResult, SwarmFlight
 from swarm_ctl.commands.answers import refusals
@@ -20,6 +20,16 @@ from swarm_ctl.station.picture.view import SwarmView
 T = TypeVar("T")
 _STEP_S: Final = 300.0
 _END_S: Final = 900.0
+
+
+_NOW_CALLED: Final = {"send_home": "return_(*agents)", "land_only": "land(*agents)"}
+"""Calls of earlier versions. The words are the shell's: `return` alone can be no name here."""
+
+
+def _no_call(swarm: object, name: str) -> str:
+    """Why a swarm has no such attribute."""
+    now = f"; it is called {_NOW_CALLED[name]}" if name in _NOW_CALLED else ""
+    return f"{type(swarm).__name__!r} object has no attribute {name!r}{now}"
 
 
 class OrderError(FlightError):
@@ -128,13 +138,19 @@ class Swarm:
         words = tuple(f"{name}={value!r}" for name, value in values.items())
         return self._order(parse(" ".join((CommandKind.TUNE, *words)), self.plan))
 
-    def send_home(self, *agents: int) -> SentCommand:
-        """Order `return`: fly home, all at once, and land; these agents alone, or all."""
+    def land(self, *agents: int) -> SentCommand:
+        """Land where they are: these agents, and the others do as the mission's policy says; or
+        all. `finish` waits for the end."""
+        return self._order(Order(CommandKind.LAND, (), agents))
+
+    def return_(self, *agents: int) -> SentCommand:
+        """Fly home, all at once, and land: these agents alone, or all."""
         return self._order(Order(CommandKind.RETURN, (), agents))
 
-    def land_only(self, agent: int, *more: int) -> SentCommand:
-        """Land these agents where they are; the others go on as the mission's policy says."""
-        return self._order(Order(CommandKind.LAND, (), (agent, *more)))
+    if not TYPE_CHECKING:  # which knows all calls
+
+        def __getattr__(self, name: str) -> Never:
+            raise AttributeError(_no_call(self, name), name=name, obj=self)
 
     def _order(self, order: Order) -> SentCommand:
         for agent in order.agents:
@@ -145,11 +161,6 @@ class Swarm:
         return sent
 
     # --- the end ---
-
-    def land(self, within_s: float = _END_S) -> FlightResult:
-        """Land all agents where they are, and wait for the end."""
-        self._order(Order(CommandKind.LAND))
-        return self.finish(within_s)
 
     def finish(self, within_s: float = _END_S) -> FlightResult:
         """Fly the mission to its end; FlightError when that takes longer."""
@@ -256,18 +267,18 @@ class AsyncSwarm:
         """`Swarm.tune`."""
         return await self._do(lambda: self._swarm.tune(**values))
 
-    async def send_home(self, *agents: int) -> SentCommand:
-        """`Swarm.send_home`."""
-        return await self._do(lambda: self._swarm.send_home(*agents))
-
-    async def land_only(self, agent: int, *more: int) -> SentCommand:
-        """`Swarm.land_only`."""
-        return await self._do(lambda: self._swarm.land_only(agent, *more))
-
-    async def land(self, within_s: float = _END_S) -> FlightResult:
+    async def land(self, *agents: int) -> SentCommand:
         """`Swarm.land`."""
-        await self._do(lambda: self._swarm.send("land @all"))
-        return await self.finish(within_s)
+        return await self._do(lambda: self._swarm.land(*agents))
+
+    async def return_(self, *agents: int) -> SentCommand:
+        """`Swarm.return_`."""
+        return await self._do(lambda: self._swarm.return_(*agents))
+
+    if not TYPE_CHECKING:  # which knows all calls
+
+        def __getattr__(self, name: str) -> Never:
+            raise AttributeError(_no_call(self, name), name=name, obj=self)
 
     async def finish(self, within_s: float = _END_S) -> FlightResult:
         """`Swarm.finish`."""

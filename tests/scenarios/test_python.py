@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import inspect
 import json
+import keyword
 import math
 import re
 import runpy
@@ -21,6 +22,7 @@ from swarm_ctl.api.fly import Flying
 from swarm_ctl.api.swarm import AsyncSwarm, OrderError, Swarm
 from swarm_ctl.api.virtual_flight import VirtualFlight
 from swarm_ctl.cli.shared.options import runs_in
+from swarm_ctl.commands.parse import BY_NAME
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.runtime.flying_runs import flying_run
 from swarm_ctl.runtime.station.ground_station import swarm_now
@@ -108,7 +110,8 @@ def test_a_task_that_waits_keeps_no_other_from_commanding() -> None:
             watching = asyncio.create_task(watch())
             await swarm.step("form pair")
             assert (await swarm.hold(1, 2)).accepted
-            result = await swarm.land()
+            assert (await swarm.land()).accepted
+            result = await swarm.finish()
             await watching
         return steps, set(result.outcomes.values())
 
@@ -125,6 +128,28 @@ def _fails_in_flight(flying: Flying) -> Swarm:
         assert len(swarm.view().agents) == 2
         raise ZeroDivisionError
     return swarm
+
+
+def test_orders_have_the_shell_s_names_and_an_earlier_name_says_the_new_one() -> None:
+    """`return` alone is a word that no Python name may be."""
+    orders = set(BY_NAME) - {"kill", "expel", "readmit"}  # by `send`
+    assert {f"{name}_" if keyword.iskeyword(name) else name for name in orders} <= _public(Swarm)
+    for swarm in (Swarm, AsyncSwarm):
+        bare = object.__new__(swarm)
+        with pytest.raises(AttributeError, match=r"'send_home'; it is called return_\(\*agents\)$"):
+            bare.send_home  # type: ignore[attr-defined]  # noqa: B018
+        with pytest.raises(AttributeError, match=r"'land_only'; it is called land\(\*agents\)$"):
+            bare.land_only  # type: ignore[attr-defined]  # noqa: B018
+        with pytest.raises(AttributeError, match=r"Swarm' object has no attribute 'jump'$"):
+            bare.jump  # type: ignore[attr-defined]  # noqa: B018
+
+
+def test_one_lands_and_the_others_return() -> None:
+    with swarm_ctl.fly(BARE, vehicles="virtual") as swarm:
+        swarm.step("form pair")
+        assert swarm.land(1).acks[1].accepted
+        assert swarm.return_(2).acks[2].accepted
+        assert swarm.finish().all_down
 
 
 def test_the_end_of_the_block_lands() -> None:
