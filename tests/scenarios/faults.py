@@ -290,6 +290,7 @@ class Row:
 
 
 LOST = "agent {} has not been heard for 5 s"
+DRAWN = "outside the geofence, drawn there by the place that agent {} tells"
 GUSTY = {"SIM_WIND_SPD": 5.0, "SIM_WIND_DIR": 70.0, "SIM_WIND_GUST": 2.0}
 
 _SPURT: tuple[Happening, ...] = ((0.0, stalled), (0.8, healed))
@@ -384,9 +385,7 @@ ROWS = (
     # the others follow what it says, and it follows the others: the shape never comes to rest, and
     # drifts to the fence
     Row(
-        "lies by 3 m",
-        (*SAFE, outcome("failed"), says("outside the geofence")),
-        happenings=((1, lies(2)),),
+        "lies by 3 m", (*SAFE, outcome("failed"), says(DRAWN.format(2))), happenings=((1, lies(2)),)
     ),
     Row(
         "a vehicle restarts in the air",  # and falls; its telemetry is not asked for again

@@ -104,6 +104,7 @@ def test_fence(policy: Policy) -> None:
         Phase.HOLD if policy is Policy.LAND else PHASES[policy],
     )
     assert ("outside the geofence" in reasons(swarm)) is (policy is not Policy.CONTINUE)
+    assert "drawn there" not in reasons(swarm)
     if policy in (Policy.HOLD, Policy.CONTINUE):
         swarm.command("land")
     swarm.fly(1200)

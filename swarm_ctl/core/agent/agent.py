@@ -422,6 +422,7 @@ class Agent:
                 fell=context.fell(tick.now),
                 sunk_s=context.sunk_s(tick.now),
                 waits=self._waits,
+                leads=lambda: self._barrier.leads(tick),
             )
         )
         if failsafes.replaces(trigger, context.trigger, landing=landing):

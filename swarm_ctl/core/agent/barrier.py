@@ -16,6 +16,10 @@ from swarm_ctl.core.model.plan import Policy, RotateStep, ScaleStep
 from swarm_ctl.core.swarm.snapshot import OtherAircraft, PeerSnapshot, predicted_s
 
 _MEASURE_EVERY_S = 0.2
+_LEADS_M: Final = 1.0
+"""So far ahead of all others in the shape is one that they follow."""
+_FLIES_MPS: Final = 0.1
+"""A vehicle that is slower flies nowhere."""
 ALONE_S: Final = 15.0
 """A command for all reaches all within ten seconds, or its sender gives it up."""
 
@@ -149,6 +153,22 @@ class Barrier:
         if tick.now >= self._measure_due:
             self._measure_due = tick.now + _MEASURE_EVERY_S
             self.formation_error_m = self._error_m(tick)
+
+    def leads(self, tick: Tick) -> int | None:
+        """The peer that by its own word is ahead of all others in the shape, the way that this
+        vehicle flies. The law makes all follow it; a vehicle that is blown away leads itself."""
+        context, fix, unit = self._context, tick.newest_fix, self._plan.unit_m
+        slots = context.reference.slots
+        velocity = complex(*fix.velocity_ned_mps[:2]) if fix is not None else 0j
+        if context.agent not in slots or abs(velocity) < _FLIES_MPS:
+            return None
+        stops = {p.id: p.stop_point for p in tick.peers.peers if _counts(p) and p.id in slots}
+        stops[context.agent] = complex(*context.controller.stop_point_m)
+        way = velocity.conjugate() / abs(velocity)
+        ahead = {i: (way * (at - complex(*slots[i]) * unit)).real for i, at in stops.items()}
+        first, *others = sorted(ahead, key=lambda i: ahead[i], reverse=True)
+        led = others and ahead[first] - ahead[others[0]] > _LEADS_M
+        return first if led and first != context.agent else None
 
     def _error_m(self, tick: Tick) -> float | None:
         context, fix = self._context, tick.fix

@@ -76,6 +76,9 @@ class Situation:
     """For how long it has been far below the height that it is to keep (`FlightContext`)."""
     waits: str = ""
     """Why this agent waits, in its own words, or ''."""
+    leads: Callable[[], int | None] = lambda: None
+    """The peer whose told place the shape follows (`Barrier.leads`); asked outside the fence
+    alone."""
     estimate_doubt: str = ""
     """What the vehicle has been saying against its own estimate (`EstimateWatch`), or ''."""
 
@@ -305,7 +308,11 @@ def _beyond_fence(s: Situation) -> FailsafeTrigger | None:
     if not s.had_control or s.tick.newest_fix is None or isinstance(s.progress.current, LandStep):
         return None
     reason = outside(s.plan.fence, s.stop_point_m, s.height_m)
-    return _by_policy(s.plan.policies.fence, reason) if reason else None
+    if not reason:
+        return None
+    leads = s.leads()
+    drawn = "" if leads is None else f", drawn there by the place that agent {leads} tells"
+    return _by_policy(s.plan.policies.fence, reason + drawn)
 
 
 def _battery_low(s: Situation) -> FailsafeTrigger | None:

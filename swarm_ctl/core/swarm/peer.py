@@ -24,6 +24,7 @@ from swarm_ctl.core.swarm.plausibility import (
     LASTS_S,
     NO_JUMPS,
     SUSPECT_S,
+    Creep,
     Doubt,
     Finding,
     Jumps,
@@ -90,6 +91,7 @@ class Peer:
     """It has said that its vehicle is armed or flies: before, an estimate settles by metres."""
     _found_s: float = -math.inf
     _jumps: Jumps = NO_JUMPS
+    _creep: Creep = field(default_factory=Creep)
     _other: _Other | None = None
     _back_s: float = -math.inf
     """When it last counted its states anew."""
@@ -226,6 +228,7 @@ class Peer:
             return False
         self._look_for_two(old, state, received_s)
         self._jumps, self._stepped_s = jumps, 0.0
+        self._look_for_creep(old, state, received_s)
         self._believe(state, received_s)
         return True
 
@@ -245,6 +248,13 @@ class Peer:
             self._back_s = received_s
         if self._stepped_s > _TURNS_S and received_s - self.received_s < INSISTS_S:
             self.doubt(_TWO, received_s)
+
+    def _look_for_creep(self, old: AgentState, state: AgentState, received_s: float) -> None:
+        """It is followed all the same: where its vehicle is instead, no other word tells."""
+        finding = self._creep.look(old, state) if self._flew else None
+        other = self.found is not None and self.found.doubt is not Doubt.CREEP
+        if finding is not None and not (other and self.suspect(received_s)):
+            self.doubt(finding, received_s)
 
     def _judge(
         self, old: AgentState, state: AgentState, received_s: float

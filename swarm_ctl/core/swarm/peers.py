@@ -24,6 +24,7 @@ from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 from swarm_ctl.core.swarm.traffic import Traffic, Vacated
 
 _CLEAR: Final = "both places where it may be are kept clear"
+_EXPEL: Final = "others make all the way for it; `expel` ends that they follow it"
 
 
 class Peers:
@@ -104,7 +105,8 @@ class Peers:
             if peer.suspect(now):
                 if peer.found.doubt is not before:
                     self._suspects[peer.id] = peer.found.doubt
-                    words = f"agent {peer.id} is not believed: {peer.found.words}; {_CLEAR}"
+                    then = _EXPEL if peer.found.doubt is Doubt.CREEP else _CLEAR
+                    words = f"agent {peer.id} is not believed: {peer.found.words}; {then}"
                     said.append((Severity.WARNING, words))
             elif before is not None:
                 del self._suspects[peer.id]

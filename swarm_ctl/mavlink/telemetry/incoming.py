@@ -56,7 +56,7 @@ def _local_position(heard: Telemetry, message: Any, now: float) -> bool:
     velocity = (message.vx, message.vy, message.vz)
     if not (_within(position, MAX_POSITION_M) and _within(velocity, MAX_SPEED_MPS)):
         return False
-    heard.clocked(message.time_boot_ms)
+    heard.clocked(message.time_boot_ms, now)
     heard.local = LocalFix(now, position, velocity, message.time_boot_ms * 1e-3)
     return True
 
@@ -66,7 +66,7 @@ def _global_position(heard: Telemetry, message: Any, now: float) -> bool:
     relative_m = message.relative_alt * 1e-3
     if position is None or abs(relative_m) > MAX_ALTITUDE_M:
         return False
-    heard.clocked(message.time_boot_ms)
+    heard.clocked(message.time_boot_ms, now)
     velocity = (message.vx * 0.01, message.vy * 0.01, message.vz * 0.01)
     heard.global_ = GlobalFix(now, position, relative_m, velocity)
     return True

@@ -25,6 +25,8 @@ CONTACT_KEPT_S = 10.0
 """A contact not repeated for this long is dropped; `core` judges the age of a contact before."""
 REBOOT_BACK_S = 5.0
 """The vehicle restarted if its own clock goes back this far; less may be a late frame."""
+RESTARTS_SAID_S = 10.0
+"""No vehicle restarts more often: two clocks are two senders, which would fill the log."""
 
 
 @dataclass(slots=True)
@@ -97,6 +99,7 @@ class Telemetry:
     """When it came."""
     boot_s: float = 0.0
     """The vehicle's own clock at its last LOCAL_POSITION_NED or GLOBAL_POSITION_INT."""
+    restart_said_s: float = -math.inf
 
     def forget_old_contacts(self, now: float) -> None:
         """Drop the contacts not repeated for `CONTACT_KEPT_S`."""
@@ -136,7 +139,7 @@ class Telemetry:
             return False
         return local.velocity_ned_mps[2] > FALLS_MPS
 
-    def clocked(self, boot_ms: int) -> None:
+    def clocked(self, boot_ms: int, now: float) -> None:
         """Store the vehicle's clock; if it went back, drop what does not survive a restart."""
         boot_s = boot_ms * 1e-3
         if boot_s < self.boot_s - REBOOT_BACK_S:
@@ -145,5 +148,7 @@ class Telemetry:
             self.estimate = EstimateHealth()
             self.parameters.clear()
             self.parameter_news = object()
-            self.texts.add("the vehicle restarted")
+            if now - self.restart_said_s >= RESTARTS_SAID_S:
+                self.restart_said_s = now
+                self.texts.add("the vehicle restarted")
         self.boot_s = boot_s

@@ -219,6 +219,12 @@ ROWS = [
     Row("wind, by policy", case(seen={"wind_mps": 20.0}, of=policies(wind=Policy.RETURN)), RETURNS),
     # the geofence
     Row("outside", case(of=FENCED, stop_point_m=(10.1, 0.0)), LANDS, "outside the geofence"),
+    Row(
+        "drawn outside",
+        case(of=FENCED, stop_point_m=(10.1, 0.0), leads=lambda: 3),
+        LANDS,
+        "outside the geofence, drawn there by the place that agent 3 tells",
+    ),
     Row("just inside", case(of=FENCED, stop_point_m=(9.9, 0.0))),
     Row("too high", case(of=FENCED, height_m=20.1), LANDS, "20.1 m high; the geofence ends at 20"),
     Row("just low enough", case(of=FENCED, height_m=20.0)),

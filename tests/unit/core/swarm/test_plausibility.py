@@ -3,8 +3,10 @@ one forged state may do."""
 
 from __future__ import annotations
 
+import cmath
 import math
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -23,7 +25,15 @@ from swarm_ctl.core.model.messages import (
 )
 from swarm_ctl.core.swarm.peer import Peer
 from swarm_ctl.core.swarm.peers import Peers
-from swarm_ctl.core.swarm.plausibility import INSISTS_S, JUMP_M, LASTS_S, SUSPECT_S, Limits
+from swarm_ctl.core.swarm.plausibility import (
+    CREEP_M,
+    INSISTS_S,
+    JUMP_M,
+    LASTS_S,
+    SUSPECT_S,
+    Doubt,
+    Limits,
+)
 from tests.unit.core.builders import plan, state
 
 PLAN = plan()
@@ -270,3 +280,49 @@ def test_jumps_that_add_up_are_told_as_their_sum() -> None:
     found = re.fullmatch(r"it jumped by (\d+\.\d) m in all; allowed: 2 m", words)
     assert found is not None
     assert float(found[1]) > JUMP_M
+
+
+# --- places that drift away from their velocities ---
+
+
+def crept(peers: Peers, peer: Peer, seconds: float, north_m: Callable[[float], float]) -> str:
+    """What is said of a peer that turns in circles, and tells places so far north of its own."""
+    said_of = ""
+    for k in range(round(seconds / TICK_S)):
+        t, rate = TICK_S * k, 0.5
+        place = 3.0 * cmath.exp(1j * rate * t) - 3.0 + north_m(t)
+        velocity = 1.5j * cmath.exp(1j * rate * t)
+        word = said(
+            20 + k,
+            position_ned_m=(place.real, place.imag, -8.0),
+            velocity_ned_mps=(velocity.real, velocity.imag, 0.0),
+            stop_point_m=(place.real, place.imag),
+        )
+        now = TICK_S * (20 + k)
+        assert peer.hear(word, now)
+        said_of += "".join(text for _, text in peers.watch(now))
+    return said_of
+
+
+@pytest.mark.parametrize(("drift_mps", "after_s"), [(0.3, 15.0), (1.0, 5.0), (0.2, 30.0)])
+def test_a_slow_drift_of_told_places_is_named(drift_mps: float, after_s: float) -> None:
+    """No state jumps, and each is taken in: the peer is named once, and makes no way any more."""
+    peers, peer, _ = heard()
+    told = crept(peers, peer, after_s, lambda t: drift_mps * t)
+    assert told.count("agent 2 is not believed: its places drift: 3.") == 1
+    assert peer.found is not None
+    assert peer.found.doubt is Doubt.CREEP
+    assert not peer.view(TICK_S * 20 + after_s - TICK_S).yields
+
+
+def test_what_an_honest_estimate_does_is_no_drift() -> None:
+    """It is corrected by `JUMP_M` there and back, it swings by a metre, it errs by 0.1 m/s."""
+    swings = [
+        lambda t: 1.9 * (5.0 <= t < 20.0),
+        lambda t: 1.0 * math.sin(0.7 * t),
+        lambda t: 0.1 * t,
+    ]
+    for north_m in swings:
+        peers, peer, _ = heard()
+        assert crept(peers, peer, 60.0, north_m) == ""
+    assert CREEP_M > JUMP_M
