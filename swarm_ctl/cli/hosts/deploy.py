@@ -56,6 +56,7 @@ def deploy(
         swarm-ctl deploy square.yaml --fleet outdoors.yaml --restart
         swarm-ctl deploy plan.json --bundles /media/stick
     """
+    from swarm_ctl.mission.compile.plan_file import named_by_hash
     from swarm_ctl.mission.fleet.exposure import exposures, refuse_exposed
     from swarm_ctl.runtime.deploy.bundle import bundles_of
     from swarm_ctl.runtime.deploy.rollout import Hosts, parted
@@ -66,7 +67,7 @@ def deploy(
     if not open_mesh:
         refuse_exposed(exposures(entries), str(fleet or file), entries.trust)
     made = bundles_of(plan, entries, open_mesh=open_mesh, expect_station=expect_station)
-    console.say(f"{plan.name}, plan {plan.fingerprint()}: {_who(entries)}")
+    console.say(f"{named_by_hash(plan, entries)}: {_who(entries)}")
     if bundles is not None:
         _write(console, made, bundles)
         raise typer.Exit(FINE)
@@ -112,7 +113,7 @@ def _started(
         ran = was.running if was and was.current == made[host].digest else ()
         for name in state.report.running if state.report else ():
             console.say(f"{host}: {name} {'runs already' if name in ran else 'started'}")
-    wanted = {host: bundle.manifest.plan_hash for host, bundle in made.items()}
+    wanted = {host: bundle.manifest.whole_hash for host, bundle in made.items()}
     show_hosts(console, states, wanted)
     return exit_code(states, wanted)
 

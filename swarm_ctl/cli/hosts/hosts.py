@@ -51,12 +51,10 @@ def status(
         swarm-ctl hosts status outdoors.yaml
         swarm-ctl hosts status outdoors.yaml --plan plan.json
     """
-    from swarm_ctl.cli.flight.agent import plan_and_fleet
-
     console, states = PlainConsole(), _hosts(fleet, ssh_config).report()
     wanted = common_plan(states)
     if plan is not None:
-        wanted = dict.fromkeys(states, plan_and_fleet(plan, None)[0].fingerprint())
+        wanted = dict.fromkeys(states, _whole_hash(plan, fleet))
     show_hosts(console, states, wanted)
     raise typer.Exit(exit_code(states, wanted))
 
@@ -125,6 +123,21 @@ def collect(
             whole = False
             console.say(f"{host}: {why}", style="bold red")
     raise typer.Exit(FINE if whole else NOT_REACHED)
+
+
+def _whole_hash(plan: Path, fleet: Path) -> str:
+    """Of a plan file; of a mission with the fleet that is asked about, where that is a file of its
+    own."""
+    from swarm_ctl.cli.flight.agent import plan_and_fleet
+    from swarm_ctl.mission.compile.plan_file import is_plan_file, named_by_hash
+
+    beside = None
+    if not (is_plan_file(plan) or is_plan_file(fleet)):
+        require("ground", f"{plan} is a mission file, which")
+        from swarm_ctl.runtime.doctor.fleet import is_mission
+
+        beside = None if is_mission(fleet) else fleet
+    return named_by_hash(*plan_and_fleet(plan, beside)).rpartition("@")[2]
 
 
 def _hosts(fleet: Path, ssh_config: Path | None) -> Hosts:

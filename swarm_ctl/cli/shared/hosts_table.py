@@ -51,31 +51,34 @@ def exit_code(states: Mapping[str, HostState], wanted: Mapping[str, str]) -> int
 
 
 def common_plan(states: Mapping[str, HostState]) -> dict[str, str]:
-    """For each host the plan that most of them have: another one is then seen."""
-    found = [s.report.plan_hash for s in states.values() if s.report and s.report.plan_hash]
+    """For each host the plan, with fleet and signing, that most have: another one is then seen."""
+    found = [s.report.whole_hash for s in states.values() if s.report and s.report.whole_hash]
     most = Counter(found).most_common(1)
     return dict.fromkeys(states, most[0][0]) if most else {}
 
 
 def _fine(state: HostState, wanted: str) -> bool:
     report = state.report
-    if report is None or state.words or report.attention or report.plan_hash != wanted:
+    if report is None or state.words or report.attention or report.whole_hash != wanted:
         return False
     return not any(each.state == "failed" for each in report.services)
 
 
 def _plan(report: HostReport, wanted: str) -> Text:
-    if not report.plan_hash:
+    if not report.whole_hash:
         return Text("none yet", "yellow")
-    return Text(report.plan_hash, "bold red" if wanted not in ("", report.plan_hash) else "")
+    return Text(report.whole_hash, "bold red" if wanted not in ("", report.whole_hash) else "")
 
 
 def _attention(state: HostState, wanted: str) -> Iterator[str]:
     report = state.report
     if report is None:
         return
-    if report.plan_hash and wanted not in ("", report.plan_hash):
-        yield f"has plan {report.plan_hash}, not {wanted}: its agents keep the swarm on the ground"
+    if report.whole_hash and wanted not in ("", report.whole_hash):
+        yield (
+            f"has plan {report.whole_hash}, not {wanted}: its plan, fleet or signing differs;"
+            " swarm-ctl deploy brings the one that you name"
+        )
     yield from dict.fromkeys((*filter(None, [state.words]), *report.attention))
 
 

@@ -201,7 +201,9 @@ def _read(path: Path) -> bytes:
     try:
         return read_bytes(path, _MOST_BYTES)
     except OSError as error:
-        raise InputError(f"{path}: can't be read: {error.strerror}") from None
+        raise InputError(
+            f"{path}: can't be read: {error.strerror}; allowed: a readable plan or mission file"
+        ) from None
 
 
 def _tuples(data: Any) -> Any:

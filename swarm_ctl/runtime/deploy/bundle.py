@@ -26,7 +26,12 @@ from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.text import printable
 from swarm_ctl.errors import InputError
 from swarm_ctl.files import read_bytes
-from swarm_ctl.mission.compile.plan_file import PlanFile, plan_from_json, plan_to_json
+from swarm_ctl.mission.compile.plan_file import (
+    PlanFile,
+    named_by_hash,
+    plan_from_json,
+    plan_to_json,
+)
 from swarm_ctl.runtime.deploy.manifest import PLAN, Manifest
 from swarm_ctl.runtime.protection import agent_identity_folder, router_identity_folder
 from swarm_ctl.trust.bundle import pack as pack_keys
@@ -127,8 +132,8 @@ def unpacked(data: bytes, name: str = "bundle") -> Bundle:
 
 def _misfits(manifest: Manifest, file: PlanFile, files: Collection[str]) -> Iterator[str]:
     """What of a bundle is not of one piece, in words."""
-    if file.plan_hash != manifest.plan_hash or file.plan.name != manifest.swarm:
-        yield f"its plan is {file.plan_hash}, its manifest has another one"
+    if file.whole_hash != manifest.whole_hash or file.plan.name != manifest.swarm:
+        yield f"its plan is {file.name}, its manifest has another one"
     if file.trust is not None:
         yield "its plan names a folder of keys"  # its manifest names the host's own
     endpoints = {agent.id: agent.endpoint for agent in file.fleet}
@@ -164,7 +169,7 @@ def _bundle(plan: Plan, fleet: Fleet, part: _Part) -> Bundle:
     manifest = Manifest(
         host=part.host,
         swarm=plan.name,
-        plan_hash=plan.fingerprint(),
+        whole_hash=named_by_hash(plan, fleet).rpartition("@")[2],
         agents=tuple(agent.id for agent in part.agents),
         endpoints=tuple(agent.endpoint or "" for agent in part.agents),
         router=part.router,

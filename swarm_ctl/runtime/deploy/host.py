@@ -128,7 +128,7 @@ class Host:
             update={
                 "host": manifest.host,
                 "swarm": manifest.swarm,
-                "plan_hash": manifest.plan_hash,
+                "whole_hash": manifest.whole_hash,
                 "services": tuple(map(self._state, self._services(manifest))),
             }
         )
@@ -145,7 +145,7 @@ class Host:
             running = [s.name for s in self._services(old) if self.services.runs(s)]
             if running:
                 raise InputError(
-                    f"{', '.join(running)} of plan {old.plan_hash}: runs; allowed: deploy"
+                    f"{', '.join(running)} of plan {old.whole_hash}: runs; allowed: deploy"
                     " --restart, which lands it first"
                 )
         folder = self.root / "bundles" / digest

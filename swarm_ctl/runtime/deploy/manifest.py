@@ -24,7 +24,8 @@ class Manifest(BaseModel):
     schema_version: Literal[1] = 1
     host: str = Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,252}$")
     swarm: str = Field(pattern=_NAME)
-    plan_hash: str = Field(pattern=r"^[0-9a-f]{16}$")
+    whole_hash: str = Field(pattern=r"^[0-9a-f]{16}$")
+    """Of plan, fleet and signing, as in the plan file."""
     agents: tuple[Annotated[int, Field(ge=1, le=65535)], ...] = Field(min_length=1, max_length=250)
     endpoints: tuple[str, ...]
     """Of the agents' vehicles, in their order, as the plan file has them."""

@@ -43,8 +43,8 @@ class HostReport(BaseModel):
     host: _Words = ""
     """The fleet's name of this host, in the current bundle."""
     swarm: _Words = ""
-    plan_hash: _Words = ""
-    """Of the current bundle."""
+    whole_hash: _Words = ""
+    """Of the plan, fleet and signing of the current bundle."""
     services: tuple[ServiceReport, ...] = Field(default=(), max_length=300)
     attention: tuple[_Words, ...] = Field(default=(), max_length=600)
     """What will keep the next bundle, or else the current one, from flying."""

@@ -195,8 +195,8 @@ def _judged(state: HostState, bundle: Bundle, *, restart: bool) -> HostState:
         return replace(state, words=words)
     if report.running and report.current != bundle.digest and not restart:
         what = "the same plan in another bundle"
-        if report.plan_hash != bundle.manifest.plan_hash:
-            what = f"plan {report.plan_hash}"
+        if report.whole_hash != bundle.manifest.whole_hash:
+            what = f"plan {report.whole_hash}"
         words = f"{', '.join(report.running)}: runs with {what}; --restart lands it first"
         return replace(state, words=words)
     return state

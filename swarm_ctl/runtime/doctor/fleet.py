@@ -14,9 +14,13 @@ from swarm_ctl.mission.input import yaml_file
 
 def fleet_in(path: Path) -> Fleet:
     """The fleet of a fleet file or a mission; MissionError with every mistake in the file."""
+    return load(path).fleet if is_mission(path) else read_fleet(path)
+
+
+def is_mission(path: Path) -> bool:
+    """Whether it is a mission and no fleet file; MissionError where it can't be read."""
     data = yaml_file.read(path, what="fleet").data
-    mission = isinstance(data, dict) and "steps" in data
-    return load(path).fleet if mission else read_fleet(path)
+    return isinstance(data, dict) and "steps" in data
 
 
 def vehicles_of(path: Path) -> Fleet:

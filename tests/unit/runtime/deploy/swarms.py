@@ -8,6 +8,7 @@ from pathlib import Path
 from swarm_ctl.core.model.fleet import Fleet, Signing
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.mission.compile.loader import loads
+from swarm_ctl.mission.compile.plan_file import named_by_hash
 from swarm_ctl.runtime.clock import date_and_time
 from swarm_ctl.trust import provision
 from swarm_ctl.trust.provision import Terms
@@ -34,6 +35,11 @@ def fleet(trust: Path | None = None, endpoint: str = "") -> Fleet:
     if trust is None:
         return Fleet(agents)
     return Fleet(agents, str(trust), Signing.REQUIRED)
+
+
+def whole_hash() -> str:
+    """Of plan, fleet and signing."""
+    return named_by_hash(plan(), fleet()).rpartition("@")[2]
 
 
 def keys(folder: Path) -> Path:

@@ -20,7 +20,7 @@ from swarm_ctl.runtime.deploy.bundle import Bundle, bundles_of, own_routers, unp
 from swarm_ctl.runtime.deploy.logs import pack_logs, unpack_logs
 from swarm_ctl.runtime.deploy.units import units_of
 from swarm_ctl.trust.bundle import unpacked as unpacked_keys
-from tests.unit.runtime.deploy.swarms import fleet, keys, plan
+from tests.unit.runtime.deploy.swarms import fleet, keys, plan, whole_hash
 
 
 def test_a_host_has_the_plan_and_its_own_agents() -> None:
@@ -96,7 +96,7 @@ def test_a_bundle_that_does_not_fit_itself_is_refused() -> None:
     """Another name, another plan, a torn file, a manifest that would say more in a unit."""
     bundle = bundles_of(plan(), fleet())["drone1"]
     evil = bundle.files["manifest.json"].replace(b'"example"', b'"a b; c"')
-    other = bundle.files["manifest.json"].replace(plan().fingerprint().encode(), b"0" * 16)
+    other = bundle.files["manifest.json"].replace(whole_hash().encode(), b"0" * 16)
     for data in (
         changed(bundle, evil=b"x"),
         changed(bundle, unit=b"[Service]\nExecStartPre=/bin/sh\n"),

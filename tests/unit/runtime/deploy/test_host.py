@@ -21,7 +21,7 @@ from swarm_ctl.runtime.deploy.manifest import Service
 from swarm_ctl.runtime.deploy.report import State
 from swarm_ctl.runtime.deploy.services import Plain, Systemd
 from swarm_ctl.runtime.deploy.units import units_of
-from tests.unit.runtime.deploy.swarms import fleet, keys, plan
+from tests.unit.runtime.deploy.swarms import fleet, keys, plan, whole_hash
 
 
 class Scripted:
@@ -80,7 +80,7 @@ def test_a_bundle_that_is_taken_in_changes_nothing_yet(host: Host) -> None:
     host.start(bundle().digest)
     report = host.report()
     assert report.current == bundle().digest
-    assert report.plan_hash == plan().fingerprint()
+    assert report.whole_hash == whole_hash()
     assert report.running == ("agent-1", "agent-2")
     assert scripted(host).calls == [
         "install swarm-ctl-agent@.service",

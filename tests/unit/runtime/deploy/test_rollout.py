@@ -11,15 +11,19 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl import __version__
+from swarm_ctl.cli.hosts.hosts import _whole_hash
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.hosts_table import common_plan, exit_code, show_hosts
 from swarm_ctl.errors import StartError
+from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.mission.compile.plan_file import plan_to_json
 from swarm_ctl.runtime.deploy import rollout
 from swarm_ctl.runtime.deploy.bundle import Bundle, bundles_of
 from swarm_ctl.runtime.deploy.report import HostReport, ServiceReport, State
 from swarm_ctl.runtime.deploy.rollout import Hosts, HostState, parted
 from swarm_ctl.runtime.deploy.ssh import Answer, Reach, Ssh
-from tests.unit.runtime.deploy.swarms import fleet, plan
+from tests.unit.mission.example import TEXT
+from tests.unit.runtime.deploy.swarms import fleet, plan, whole_hash
 
 OLD = "0123456789abcdef"
 
@@ -62,9 +66,9 @@ def bundles() -> dict[str, Bundle]:
     return bundles_of(plan(), fleet())
 
 
-def running(plan_hash: str = OLD, current: str = "") -> dict[str, object]:
+def running(whole_hash: str = OLD, current: str = "") -> dict[str, object]:
     service = ServiceReport(name="agent-3", state=State.RUNNING)
-    return {"services": (service,), "plan_hash": plan_hash, "current": current}
+    return {"services": (service,), "whole_hash": whole_hash, "current": current}
 
 
 def test_a_host_that_is_offline_gets_it_when_it_is_back(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -94,7 +98,7 @@ def test_a_host_that_stays_away_is_said(monkeypatch: pytest.MonkeyPatch) -> None
         ({"version": "0.1.0"}, f"has swarm-ctl 0.1.0: pip install swarm-ctl=={__version__} there"),
         (running(), f"agent-3: runs with plan {OLD}; --restart lands it first"),
         (
-            running(plan().fingerprint(), "0" * 12),
+            running(whole_hash(), "0" * 12),
             "agent-3: runs with the same plan in another bundle; --restart lands it first",
         ),
         ({"attention": ("/dev/ttyACM0 is not there",)}, "/dev/ttyACM0 is not there"),
@@ -108,6 +112,34 @@ def test_what_keeps_a_host_from_flying_the_plan(
     assert states["drone2"].words == told
     assert f"drone2: {told}" in lines
     assert ("drone2", "start") not in script.calls
+
+
+def test_an_edited_endpoint_is_another_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a host that has the mission with another fleet: the plan's own hash is the same."""
+    made = bundles_of(plan(), fleet(endpoint="serial:/dev/ttyACM0"))["drone2"].manifest
+    assert made.whole_hash != whole_hash()
+    Script(monkeypatch, **running(made.whole_hash))
+    assert brought()[0]["drone2"].words.startswith(f"agent-3: runs with plan {made.whole_hash}")
+
+
+def test_status_compares_with_a_mission_and_the_fleet_that_is_asked_about(tmp_path: Path) -> None:
+    """One and the same by the mission and its plan file; another by another fleet."""
+    mission, outdoors = tmp_path / "trio.yaml", tmp_path / "outdoors.yaml"
+    mission.write_text(TEXT)
+    found = []
+    for port in (14601, 14701):
+        rows = "".join(
+            f"  - {{id: {k}, host: drone{k}, endpoint: 'udpout:127.0.0.1:{port + k}',"
+            f" mesh: tcp/127.0.0.1:{7440 + k}}}\n"
+            for k in (1, 2, 3)
+        )
+        outdoors.write_text(f"version: 1\nagents:\n{rows}")
+        loaded = load(mission, fleet=outdoors)
+        file = tmp_path / "plan.json"
+        file.write_text(plan_to_json(loaded.plan, loaded.fleet))
+        assert _whole_hash(mission, outdoors) == _whole_hash(file, outdoors)
+        found.append(_whole_hash(file, file))
+    assert found[0] != found[1]
 
 
 def test_what_runs_is_left_or_landed_as_the_operator_says(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -222,9 +254,11 @@ def test_a_host_that_does_not_answer_is_waited_for_so_long(
     assert (answer.reach, answer.words) == (Reach.OFFLINE, "no answer for 0.3 s")
 
 
-def report(name: str, state: State, said: str = "", plan_hash: str = OLD) -> HostState:
+def report(name: str, state: State, said: str = "", whole_hash: str = OLD) -> HostState:
     service = ServiceReport(name=name, state=state, said=said)
-    found = HostReport(version="0.2.0", manager="systemd", plan_hash=plan_hash, services=(service,))
+    found = HostReport(
+        version="0.2.0", manager="systemd", whole_hash=whole_hash, services=(service,)
+    )
     return HostState("", Reach.ANSWERED, report=found)
 
 
@@ -234,7 +268,7 @@ def test_six_hosts_in_eighty_columns(capsys: pytest.CaptureFixture[str]) -> None
     states = {
         "drone1.local": report("agent-1", State.RUNNING),
         "drone2.local": report("agent-2", State.ENDED, "agent: completed"),
-        "drone3.local": report("agent-3", State.RUNNING, plan_hash="f" * 16),
+        "drone3.local": report("agent-3", State.RUNNING, whole_hash="f" * 16),
     }
     wanted = common_plan(states)
     assert exit_code({"drone1.local": states["drone1.local"]}, wanted) == 0
