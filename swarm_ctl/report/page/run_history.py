@@ -145,7 +145,8 @@ def read_history(folder: Path) -> RunHistory:
     """
     run = read_run(folder)
     if run.manifest is None:
-        raise InputError(f"{folder}: is no run folder: {run.notes[0]}")
+        allowed = "a folder that `run` has made, such as those in runs/"
+        raise InputError(f"{folder}: is no run folder: {run.notes[0]}; allowed: {allowed}")
     notes = list(run.notes)
     heard = _heard(folder, notes)
     flight = run.flight or no_flight(len(run.manifest.plan.agents))

@@ -65,7 +65,10 @@ def test_orders_shapes_runs_and_agents(completed: object, line: str, wanted: lis
     assert completed(f"swarm-ctl {line}") == wanted
 
 
-def test_a_folder_of_runs_is_no_run(completed: object) -> None:
+def test_a_folder_of_runs_is_no_run(completed: object, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="empty: has no recording; allowed: a run folder with one"):
+        recorded_run(tmp_path / "empty", print)
     with pytest.raises(InputError, match=f"runs is no run folder, it has 2; the newest: {NEW}"):
         recorded_run(Path("runs"), print)
     assert recorded_run(Path(NEW), print) == Path(NEW)
