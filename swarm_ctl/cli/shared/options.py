@@ -129,9 +129,11 @@ def recorded_run(given: Path | None, say: Callable[[str], None]) -> Path:
                 return run
             say(f"{run} has no recording; the one before it is taken")
         raise InputError("no run in runs/ has a recording; name a run folder or a recording")
-    if found and not (given / "run.json").exists():
+    if (given / "run.json").exists() or not given.is_dir():
+        return given
+    if found:
         raise InputError(f"{given} is no run folder, it has {len(found)}; the newest: {found[0]}")
-    if given.is_dir() and not (given / "recording.mcap").exists():
+    if not (given / "recording.mcap").exists():
         allowed = "a run folder with one, or a recording.mcap"
         raise InputError(f"{given}: has no recording; allowed: {allowed}")
     return given
