@@ -24,6 +24,8 @@ ALIVE: Final = "alive"
 ALIVE_FILE: Final = "SWARM_CTL_ALIVE"
 """The variable that names the file of a container's health check."""
 _TOUCH_WALL_S: Final = 1.0
+_LONGEST: Final = 4096
+"""Bytes of a word."""
 
 
 class Lifeline(Protocol):
@@ -35,6 +37,32 @@ class Lifeline(Protocol):
 
     def tell(self, text: str) -> None:
         """Say one word to the parent, if it is there."""
+
+
+class Words:
+    """What a child tells, at its parent's end of the pipe: lines of text, and never a pickle, which
+    could run code here. It never waits: a child may stop within a line."""
+
+    def __init__(self, connection: Connection) -> None:
+        os.set_blocking(connection.fileno(), False)
+        self._connection = connection
+        self._heard = b""
+
+    def next(self) -> str | None:
+        """The next word; None: there is none now, or the child has closed its end."""
+        try:
+            while b"\n" not in self._heard and len(self._heard) < _LONGEST:
+                data = os.read(self._connection.fileno(), _LONGEST)
+                if not data:
+                    break
+                self._heard += data
+        except OSError:  # nothing more now; it is closed
+            pass
+        word, end, rest = self._heard.partition(b"\n")
+        if not end and len(word) < _LONGEST:
+            return None
+        self._heard = rest
+        return word[:_LONGEST].decode(errors="replace")
 
 
 class PipeLifeline:
@@ -56,8 +84,9 @@ class PipeLifeline:
         return self._cut
 
     def tell(self, text: str) -> None:
+        line = " ".join(text[:_LONGEST].split("\n")).encode()[:_LONGEST]
         try:
-            self._connection.send(text)
+            os.write(self._connection.fileno(), line + b"\n")
         except BlockingIOError:
             pass  # a parent that does not read must not stop the control loop
         except OSError:

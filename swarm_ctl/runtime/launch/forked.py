@@ -17,7 +17,7 @@ from swarm_ctl.runtime.agent import agent_process
 from swarm_ctl.runtime.agent.agent_process import AgentConfig
 from swarm_ctl.runtime.clock import wall_s
 from swarm_ctl.runtime.launch.processes import Child
-from swarm_ctl.runtime.lifeline import ALIVE, READY
+from swarm_ctl.runtime.lifeline import ALIVE, READY, Words
 from swarm_ctl.runtime.radio import link_process
 from swarm_ctl.runtime.radio.link_process import LinkConfig
 from swarm_ctl.runtime.router import router_process
@@ -52,12 +52,13 @@ class ForkedChild(Child):
                 self._process.start()
         self.pid = self._process.pid or 0
         theirs.close()
+        self._words = Words(self._lifeline)
         self._heard_wall_s = wall_s()
 
     def words(self) -> list[str]:
         """What it has said since the last call."""
         found = []
-        while (word := self._word()) is not None:
+        while (word := self._words.next()) is not None:
             found.append(word)
         return found
 
@@ -68,18 +69,10 @@ class ForkedChild(Child):
         return wall_s() - self._heard_wall_s
 
     def _says_ready(self) -> bool:
-        word = self._word()
+        word = self._words.next()
         if word not in (None, READY):
             raise StartError(f"{self.name} did not start: {word}")
         return word == READY
-
-    def _word(self) -> str | None:
-        """The next word from it; None: there is none now, or it has closed its end."""
-        try:
-            word: str | None = self._lifeline.recv() if self._lifeline.poll() else None
-        except (EOFError, OSError):
-            return None
-        return word
 
     def exit_code(self) -> int | None:
         return self._process.exitcode

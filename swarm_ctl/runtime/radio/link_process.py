@@ -20,6 +20,7 @@ from swarm_ctl.mavlink.wires import open_wire
 from swarm_ctl.runtime.clock import pause, wall_s
 from swarm_ctl.runtime.forked import serve_forked
 from swarm_ctl.runtime.lifeline import ALIVE, READY, Lifeline
+from swarm_ctl.runtime.radio.agent_port import AgentPort
 from swarm_ctl.runtime.radio.load import RadioLoad
 from swarm_ctl.runtime.radio.switch import Place, Switch
 
@@ -66,7 +67,8 @@ def run_link(
         if share is None:
             raise LinkError(f"agent {config.agents[0].id} shares no radio")
         radio = opened.enter_context(closing(open_wire(share.endpoint)))
-        places = [_place(agent, config, opened) for agent in config.agents]
+        ports = [_port(agent, opened) for agent in config.agents]
+        places = [_place(a, port, config) for a, port in zip(config.agents, ports, strict=True)]
         switch = Switch(radio, places, share.endpoint, config.bytes_per_s or share.bytes_per_s)
         lifeline.tell(READY)
         show_s = spoke_s = wall_s()
@@ -77,6 +79,8 @@ def run_link(
             if switch.trouble != trouble:
                 trouble = switch.trouble
                 lifeline.tell(f"{share.endpoint}: {trouble or 'works again'}")
+            for word in (word for port in ports for word in port.news()):
+                lifeline.tell(word)
             if now >= show_s:
                 show_s = now + _SHOW_WALL_S
                 load = switch.load(now)
@@ -88,12 +92,17 @@ def run_link(
     return 0
 
 
-def _place(agent: FleetAgent, config: LinkConfig, opened: ExitStack) -> Place:
-    if agent.radio is None or agent.endpoint is None:
+def _port(agent: FleetAgent, opened: ExitStack) -> AgentPort:
+    if agent.endpoint is None:
         raise LinkError(f"agent {agent.id} shares no radio")
-    port = agent.endpoint.rpartition(":")[2]
-    wire = opened.enter_context(closing(open_wire(f"udpin:127.0.0.1:{port}")))
-    return Place(agent, wire, budget(agent.radio, agent.autopilot, signed=config.signed).hz)
+    port = int(agent.endpoint.rpartition(":")[2])
+    return opened.enter_context(closing(AgentPort(agent.id, port)))
+
+
+def _place(agent: FleetAgent, port: AgentPort, config: LinkConfig) -> Place:
+    if agent.radio is None:
+        raise LinkError(f"agent {agent.id} shares no radio")
+    return Place(agent, port, budget(agent.radio, agent.autopilot, signed=config.signed).hz)
 
 
 def told(text: str) -> None:

@@ -12,6 +12,7 @@ from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.wires import MemoryWire, memory_wires, open_wire
 from swarm_ctl.runtime.launch.ports import free_ports
+from swarm_ctl.runtime.radio.agent_port import AgentPort
 from swarm_ctl.runtime.radio.lateness import LATE_S
 from swarm_ctl.runtime.radio.switch import STALLED_S, Place, Switch
 
@@ -191,7 +192,7 @@ def test_an_agent_that_speaks_from_another_port_is_answered_there() -> None:
     entry = FleetAgent(1, 1, "ardupilot", agent_sysid=250)
     near, radio = memory_wires()
     with contextlib.ExitStack() as stack:
-        wire = stack.enter_context(contextlib.closing(open_wire(f"udpin:127.0.0.1:{port}")))
+        wire = stack.enter_context(contextlib.closing(AgentPort(1, port)))
         switch = Switch(near, [Place(entry, wire, 10.0)], "serial:/dev/x", 5760)
         agents = []
         for _ in range(2):
