@@ -41,8 +41,11 @@ def brief(summary: Summary) -> Group:
     """What the terminal shows at the end of a flight; the report has the rest.
 
     A completed flight: at most seven lines of 80 columns. Another one begins with its cause, said
-    once, and goes on with what was not done and which bounds were broken.
+    once, and goes on with what was not done and which bounds were broken. Of one that was ended
+    before it took off all else follows from that: its processes were stopped at once.
     """
+    if summary.outcome is Outcome.ABORTED and not any(_begun(s) for s in summary.steps if s.step):
+        return Group(_opening(summary))
     lines = [_opening(summary), _way(summary)]
     formed = [each for each in summary.steps if each.time_to_form_s is not None]
     if formed:
@@ -89,16 +92,25 @@ def _way(summary: Summary) -> Text:
         took = [(printable(s.name), _took_s(s)) for s in flown]
         each = ", ".join(f"{name} {s:.1f} s" for name, s in took if s is not None)
         return Text(f"steps done: {each if len(each) <= _STEPS else len(flown)}")
-    unreached = [s for s in undone if s.result is StepVerdict.NOT_REACHED]
     told = [
-        f"{s.step} {printable(s.name)} {s.result}"
-        + (f" ({more})" if (more := _exceptions(s)) else "")
+        f"{s.step or ''} {printable(s.name)} {s.result}".lstrip() + _unlike(s, len(summary.agents))
         for s in undone
-        if s.result is not StepVerdict.NOT_REACHED
+        if _begun(s)
     ]
-    told += [f"not reached: {ranges(s.step for s in unreached)}"] if unreached else []
-    done = len(summary.steps) - len(undone)
-    return Text(f"steps: {done} of {len(summary.steps)} done; {'; '.join(told)}")
+    unreached = [s.step for s in flown if not _begun(s)]
+    told += [f"not reached: {ranges(unreached)}"] if unreached else []
+    done = sum(s.result is StepVerdict.DONE for s in flown)
+    return Text(f"steps: {done} of {len(flown)} done; {'; '.join(told)}")
+
+
+def _begun(step: StepSummary) -> bool:
+    return step.result is not StepVerdict.NOT_REACHED
+
+
+def _unlike(step: StepSummary, agents: int) -> str:
+    """The agents' own results in brackets; nothing where all had the step's."""
+    alike = len(step.exceptions) == agents and set(step.exceptions.values()) == {step.result}
+    return "" if alike or not step.exceptions else f" ({_exceptions(step)})"
 
 
 def _took_s(step: StepSummary) -> float | None:

@@ -221,11 +221,19 @@ def _gains(agents: tuple[AgentView, ...]) -> Gains | None:
     return max(told, key=lambda status: status.time_s).gains if told else None
 
 
+_TAKEN_S: Final = 1.0
+"""By then all agents that hear a command fly it, and have said so."""
+
+
 def _held_alone(view: SwarmView, limit_s: float) -> Found:
-    """Agents that fly a command which was not given to all."""
+    """Agents that fly a command which was not given to all, or that not all have taken."""
     flying = [agent for agent in view.agents if agent.live and agent.state is not None]
     tags = {a.id: a.state.override for a in flying if a.state and a.state.override}
     if tags and len(tags) < len(flying):
+        to_all = {c.command.tag: c.received_s for c in view.commands if not c.command.agents}
+        newest_s = max(to_all.values(), default=-math.inf)
+        if to_all.keys() >= set(tags.values()) and view.time_s < newest_s + _TAKEN_S:
+            return  # no two agents take a command to all, or leave it, in the same moment
         sent = [c.command for c in view.commands]
         known = {c.tag: f"{c.kind} of {c.station}" for c in sent}
         whose = sorted(

@@ -11,7 +11,7 @@ from rich.console import Console
 from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.report.folder.flight import Source
 from swarm_ctl.report.judge.summarise import summarise
-from swarm_ctl.report.judge.summary import ProtectionSummary, Summary
+from swarm_ctl.report.judge.summary import ProtectionSummary, StepVerdict, Summary
 from swarm_ctl.report.page.summary_table import brief, render_summary, verdict_line
 from swarm_ctl.station.picture.protection import MeshKind
 from tests.unit.report.run_folders import EXIT_CODES, account, write_run, write_status
@@ -135,6 +135,31 @@ def test_a_failed_flight_begins_with_its_cause_said_once_and_whole_words(
     assert words.startswith(f"hexagon: FAILED: agent 4: {reason}")
     assert words.count(reason) == 1
     assert max(len(line.rstrip()) for line in text.splitlines()) <= width
+
+
+def test_what_was_ended_before_take_off_is_told_in_one_line(summary: Summary) -> None:
+    """Its processes were stopped at once, so that they left nothing is no trouble."""
+    steps = tuple(s.model_copy(update={"result": StepVerdict.NOT_REACHED}) for s in summary.steps)
+    reason = "Ctrl-C before take-off"
+    notes = ("truth.jsonl: No such file or directory",)
+    ended = {"outcome": Outcome.ABORTED, "reason": reason, "steps": steps, "notes": notes}
+    text = _brief(summary.model_copy(update=ended))
+    assert text.rstrip() == "hexagon: ABORTED: Ctrl-C before take-off"
+
+
+def test_steps_are_counted_as_on_the_screens(summary: Summary) -> None:
+    """Without the preparation, which is none of the mission's. Agents that all did as the step says
+    are not listed."""
+    prepare, takeoff, form, *rest = summary.steps
+    rest = [s.model_copy(update={"result": StepVerdict.NOT_REACHED}) for s in rest]
+    alike = dict.fromkeys(range(1, 7), StepVerdict.ABORTED)
+    form = form.model_copy(update={"result": StepVerdict.ABORTED, "exceptions": alike})
+    undone = {"outcome": Outcome.ABORTED, "steps": (prepare, takeoff, form, *rest)}
+    words = "steps: 1 of 4 done; 2 form hexagon aborted; not reached: 3-4"
+    assert words in _brief(summary.model_copy(update=undone))
+    one = form.model_copy(update={"exceptions": {4: StepVerdict.ABORTED}})
+    undone["steps"] = (prepare, takeoff, one, *rest)
+    assert "2 form hexagon aborted (4 aborted)" in _brief(summary.model_copy(update=undone))
 
 
 def test_each_form_step_has_its_own_time_to_form(summary: Summary) -> None:

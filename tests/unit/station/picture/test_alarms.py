@@ -467,3 +467,19 @@ def test_a_command_to_some_is_told_with_its_sender(heard: bool, who: str) -> Non
     model.fold(state_of(PLAN, 4, 30.02, 2000, override=command.tag), 30.03)
     (alarm,) = (each for each in alarms(model.view(30.03)) if each.name == "held alone")
     assert f"held by a command ({who})" in alarm.words
+
+
+def test_a_command_to_all_that_some_take_a_moment_later_holds_nobody_alone() -> None:
+    """It stood there for a few tenths of a second after each `hold` and `resume`. A command of
+    which this station has not heard is told at once."""
+    model = flying_model(PLAN)
+    command = Command("x", "hold", (), 30.0, station="station-9")
+    model.fold(command, 30.0)
+
+    def told(tag: int, time_s: float) -> bool:
+        model.fold(state_of(PLAN, 4, time_s, round(time_s * 100), override=tag), time_s)
+        return any(each.name == "held alone" for each in alarms(model.view(time_s)))
+
+    assert not told(command.tag, 30.1)
+    assert told(command.tag + 1, 30.2)
+    assert told(command.tag, 31.1)
