@@ -57,7 +57,7 @@ def fuzz(
 
     \b
         swarm-ctl fuzz --flights 1000
-        swarm-ctl fuzz missions/square.yaml --time 600 --seed 7
+        swarm-ctl fuzz missions/square.yaml --time 600 --seed 7 --out squares
         swarm-ctl fuzz --replay fuzz/found/apart-1-211.yaml
     """
     console = PlainConsole()

@@ -202,7 +202,7 @@ def _read(path: Path) -> bytes:
         return read_bytes(path, _MOST_BYTES)
     except OSError as error:
         raise InputError(
-            f"{path}: can't be read: {error.strerror}; allowed: a readable plan or mission file"
+            f"{path}: can't be read: {error.strerror}; allowed: a readable plan, mission or fleet file"
         ) from None
 
 

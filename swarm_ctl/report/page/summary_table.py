@@ -58,8 +58,10 @@ def brief(summary: Summary) -> Group:
     lines += [Text(f"protection: {_told(words)}") for words in [_protection(summary)] if words]
     if summary.exit_codes is not None and (bad := ", ".join(_bad_ends(summary.exit_codes))):
         lines.append(Text(f"exit codes: {bad}", style="bold red"))
-    # a note that is the verdict's reason has been told
+    # a note that is the verdict's reason has been told, and that a killed agent left nothing
+    killed = tuple(_killed(summary.exit_codes or {}))
     notes = [note for note in (*summary.warnings, *summary.notes) if note not in summary.reason]
+    notes = [note for note in notes if not note.startswith(killed)]
     completed = summary.outcome is Outcome.COMPLETED
     shown, room = (1, 80) if completed else (_NOTES, 200)
     more = f" (and {len(notes) - shown} more: see the report)" if len(notes) > shown else ""
@@ -313,6 +315,13 @@ def _bad_ends(exit_codes: Mapping[str, int]) -> Iterator[str]:
             yield f"{printable(name)} {code}"
     for code, agents in alike.items():
         yield f"{f'agents {ranges(agents)}:' if len(agents) > 1 else f'agent-{agents[0]}'} {code}"
+
+
+def _killed(exit_codes: Mapping[str, int]) -> Iterator[str]:
+    """How the notes on what an agent left begin, of each whose process was killed."""
+    for name, code in exit_codes.items():
+        if name.startswith("agent-") and code < 0:
+            yield f"{name.replace('-', ' ')}: it"
 
 
 def _number(value: float | None, decimals: int) -> str:

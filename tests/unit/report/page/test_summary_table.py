@@ -162,6 +162,16 @@ def test_steps_are_counted_as_on_the_screens(summary: Summary) -> None:
     assert "2 form hexagon aborted (4 aborted)" in _brief(summary.model_copy(update=undone))
 
 
+def test_that_a_killed_agent_left_nothing_is_told_once(tmp_path: Path) -> None:
+    run = write_run(tmp_path)
+    (run / "agents/4.json").unlink()
+    text = " ".join(_brief(summarise(run, EXIT_CODES | {"agent-4": -9}), 200).split())
+    assert text.startswith("hexagon: FAILED: agent-4 was ended by SIGKILL; agent 4 left no final")
+    assert "agent-4 -9" in text
+    assert "account" not in text
+    assert "left no account" in _brief(summarise(run, EXIT_CODES | {"agent-4": 0}), 200)
+
+
 def test_each_form_step_has_its_own_time_to_form(summary: Summary) -> None:
     form = next(step for step in summary.steps if step.time_to_form_s is not None)
     late = form.model_copy(update={"step": 9, "name": "form vee", "time_to_form_s": 12.13})
