@@ -13,9 +13,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.files import replacing
 from swarm_ctl.mission import ready
 
-missions = typer.Typer(
-    name="missions", help="List the ready missions, or copy one.", rich_markup_mode=None
-)
+missions = typer.Typer(name="missions", rich_markup_mode=None)
 
 
 @missions.callback(invoke_without_command=True)

@@ -144,6 +144,8 @@ def request(
     The key stays here; NAME.csr goes to the computer with the CA, and a bundle without a key comes
     back.
 
+    Example:
+
     \b
         host$    swarm-ctl trust request agent 3 --folder trust/outdoors
         ground$  swarm-ctl trust add agent 3 --fleet outdoors.yaml --csr agent-3.csr

@@ -201,9 +201,8 @@ def _read(path: Path) -> bytes:
     try:
         return read_bytes(path, _MOST_BYTES)
     except OSError as error:
-        raise InputError(
-            f"{path}: can't be read: {error.strerror}; allowed: a readable plan, mission or fleet file"
-        ) from None
+        allowed = "a readable plan, mission or fleet file"
+        raise InputError(f"{path}: can't be read: {error.strerror}; allowed: {allowed}") from None
 
 
 def _tuples(data: Any) -> Any:

@@ -307,7 +307,7 @@ class Dashboard(App[None]):
         if str(tab.label) != words:
             tab.label = words
         ended = all(agent.phase is Phase.ENDED for agent in picture.view.agents)
-        words = " all agents have ended" if ended else f" {marked} marked: " if marked else ""
+        words = " all agents have ended: " if ended else f" {marked} marked: " if marked else ""
         label = self.query_one("#marked", Label)
         if str(label.content) != words:
             label.update(words)

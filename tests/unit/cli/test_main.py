@@ -10,8 +10,10 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
+from typing import Any, Final
 
 import pytest
 import typer
@@ -64,6 +66,31 @@ def test_no_help_text_loses_anything(
     for parameter in command.params:
         assert parameter.help, parameter.name
         assert words_of(parameter.help) in shown
+
+
+def _below(group: Any, above: str = "") -> Iterator[tuple[str, Any]]:
+    for name, command in sorted(getattr(group, "commands", {}).items()):
+        path = f"{above} {name}".strip()
+        yield path, command
+        yield from _below(command, path)
+
+
+EVERY: Final = dict(_below(GROUP))
+"""Commands and their subcommands, by their words."""
+
+
+@pytest.mark.parametrize("path", EVERY)
+def test_each_help_has_an_example_that_the_command_line_takes(path: str) -> None:
+    """With options that there are."""
+    lines = re.findall(r"^ +(?:\w+\$ +)?swarm-ctl (.+)$", EVERY[path].help or "", re.MULTILINE)
+    lines += re.findall(r"^Try: swarm-ctl (.+)$", EVERY[path].help or "", re.MULTILINE)
+    assert any(line.startswith(path) for line in lines)
+    for line in lines:
+        command, *words = re.split(r" [|>] ", line)[0].split()
+        if words and f"{command} {words[0]}" in EVERY:
+            command = f"{command} {words.pop(0)}"
+        known = {name for each in EVERY[command].params for name in each.opts} | {"--help"}
+        assert {word for word in words if word.startswith("--")} <= known, line
 
 
 @pytest.mark.parametrize("group", ["", "hosts", "on-host", "missions", "trust"])
