@@ -22,7 +22,7 @@ from swarm_ctl.errors import StartError
 from swarm_ctl.mesh.gate import Source
 from swarm_ctl.mesh.keys import CHANNELS, QUEUE, Bounds, Qos
 from swarm_ctl.mesh.late_session import LateSession
-from swarm_ctl.mesh.links import Links, stream_sockets
+from swarm_ctl.mesh.links import Links
 from swarm_ctl.mesh.payloads import is_json
 from swarm_ctl.mesh.stepped_transport import MARK_SIZE, Marked, MarkedSource
 from swarm_ctl.mesh.transport import Inlet, Message, QueueInlet, Transport
@@ -98,7 +98,7 @@ class ZenohTransport(Transport):
             self._session: Any = LateSession(lambda: _open_to_router(config))
         else:
             self._session = _open(config)
-        self._links = Links(now)
+        self._links = Links(now, _tend_socket)
         self._listener = _tend_links(self._session, self._links)
         _show(self._session, alive, self._kept)
 
@@ -182,6 +182,7 @@ class ZenohTransport(Transport):
     def close(self) -> None:
         """Leave the mesh; flushes what the other ends still accept."""
         _close(self._session, self._listener)
+        self._links.close()
 
 
 def _open(config: zenoh.Config) -> Any:
@@ -208,7 +209,6 @@ def _tend_links(session: Any, links: Links) -> Any:
     """Look after the session's links whenever one comes or goes, until `_close`."""
 
     def tend(event: Any) -> None:
-        _tend_sockets()
         links.heard(event.link, ended=event.kind == zenoh.SampleKind.DELETE)
 
     return session.info.declare_link_events_listener(tend, history=True)
@@ -251,7 +251,7 @@ class Router:
         )
         self._kept: list[Any] = []
         self._session = _open(config)
-        self._links = Links()
+        self._links = Links(tend=_tend_socket)
         self._listener = _tend_links(self._session, self._links)
         _show(self._session, alive, self._kept)
 
@@ -266,6 +266,7 @@ class Router:
     def close(self) -> None:
         """End all its links."""
         _close(self._session, self._listener)
+        self._links.close()
 
 
 _QUEUES: Final = {channel.name: channel.bounds.queue for channel in CHANNELS}
@@ -338,13 +339,11 @@ class TimedInlet(Inlet):
         self._subscriber = subscriber
 
 
-def _tend_sockets() -> None:
-    """Set what zenoh does not let choose on this process's TCP links."""
-    for one in stream_sockets():
-        with contextlib.suppress(OSError):  # closed meanwhile
-            _never_linger(one)
-            if sys.platform == "linux" and not _stays_here(one):
-                _bear_loss(one)
+def _tend_socket(one: socket.socket) -> None:
+    """Set what zenoh does not let choose on a TCP link."""
+    _never_linger(one)
+    if sys.platform == "linux" and not _stays_here(one):
+        _bear_loss(one)
 
 
 def _never_linger(one: socket.socket) -> None:

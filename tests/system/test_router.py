@@ -81,7 +81,7 @@ def test_what_a_client_is_called_back_by_ends_with_it() -> None:
 
     def calling() -> list[threading.Thread]:
         others = set(threading.enumerate()) - before
-        return [each for each in others if "_open" not in each.name]
+        return [each for each in others if "_open" not in each.name and each.name != "links"]
 
     with closing(client(at)) as late:
         inlet = late.subscribe(STATE.format("*"), timed=True)

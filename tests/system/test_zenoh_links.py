@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl.mesh.keys import NEWEST
-from swarm_ctl.mesh.zenoh_transport import ZenohTransport, _tend_sockets
+from swarm_ctl.mesh.links import Sockets
+from swarm_ctl.mesh.zenoh_transport import ZenohTransport, _tend_socket
 from swarm_ctl.runtime.launch.ports import free_ports
 
 
@@ -71,7 +72,7 @@ def test_a_link_to_another_host_bears_loss() -> None:
     ):
         for one in (far, near):
             one.setsockopt(socket.IPPROTO_TCP, socket.TCP_CONGESTION, b"reno")
-        _tend_sockets()
+        Sockets().look(_tend_socket)
         assert control(far) == ("bbr" if "bbr" in offered else "reno")
         assert control(near) == "reno"
 
