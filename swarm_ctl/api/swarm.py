@@ -128,10 +128,12 @@ class Swarm:
         """Fly into another shape of the mission."""
         return self._order(Order(CommandKind.FORM, (shape,)))
 
-    def move(self, north_m: float, east_m: float, speed_mps: float | None = None) -> SentCommand:
-        """Move the formation's centre to a point, in metres from the origin."""
-        speed = [] if speed_mps is None else [speed_mps]
-        return self._order(Order(CommandKind.MOVE, tuple(map(str, [north_m, east_m, *speed]))))
+    def move(
+        self, north_m: float, east_m: float, speed_mps: float | None = None, *, by: bool = False
+    ) -> SentCommand:
+        """Move the formation's centre to a point, in metres from the origin; or by so much."""
+        numbers = [north_m, east_m, *([] if speed_mps is None else [speed_mps])]
+        return self._order(Order(CommandKind.MOVE, tuple(map(str, numbers)), by=by))
 
     def tune(self, **values: float) -> SentCommand:
         """Change the law of all agents at one time, e.g. `tune(h=0.04, kappa=15)`."""
@@ -258,10 +260,10 @@ class AsyncSwarm:
         return await self._do(lambda: self._swarm.form(shape))
 
     async def move(
-        self, north_m: float, east_m: float, speed_mps: float | None = None
+        self, north_m: float, east_m: float, speed_mps: float | None = None, *, by: bool = False
     ) -> SentCommand:
         """`Swarm.move`."""
-        return await self._do(lambda: self._swarm.move(north_m, east_m, speed_mps))
+        return await self._do(lambda: self._swarm.move(north_m, east_m, speed_mps, by=by))
 
     async def tune(self, **values: float) -> SentCommand:
         """`Swarm.tune`."""

@@ -37,7 +37,8 @@ class Kind:
         return self.usage != ""
 
 
-_MOVE_DOES: Final = "move the formation to a point [m] at a speed [m/s]"
+_BY: Final = "--by"
+_MOVE_DOES: Final = "move the formation to a point [m], or by so much, at a speed [m/s]"
 _TUNE_DOES: Final = "change the law of all agents at one time"
 _LANDS: Final = ("it lands where it is", "they land where they are")
 _RETURNS: Final = ("it flies home and lands", "they fly home, all at once, and land")
@@ -51,7 +52,7 @@ KINDS: Final[tuple[Kind, ...]] = (
     Kind(CommandKind.RESUME, "", "go on with the mission", "r"),
     Kind(CommandKind.NEXT, "", "end the current step", "n"),
     Kind(CommandKind.FORM, "SHAPE", "fly into another shape of the mission", "f"),
-    Kind(CommandKind.MOVE, "NORTH EAST [SPEED]", _MOVE_DOES, "m"),
+    Kind(CommandKind.MOVE, f"NORTH EAST [SPEED] [{_BY}]", _MOVE_DOES, "m"),
     Kind(CommandKind.TUNE, "NAME=VALUE ...", _TUNE_DOES, "u"),
     Kind(CommandKind.LAND, "", "land in place", "l", _LANDS),
     Kind(CommandKind.RETURN, "", "fly home and land", "b", _RETURNS),
@@ -80,7 +81,7 @@ class Order:
     @property
     def text(self) -> str:
         """The order as an operator types it."""
-        return " ".join((self.kind, *(["--by"] if self.by else []), *self.arguments))
+        return " ".join((self.kind, *([_BY] if self.by else []), *self.arguments))
 
 
 def shapes(plan: Plan) -> list[str]:
@@ -110,8 +111,10 @@ def parse(line: str, plan: Plan, marked: Iterable[int] = ()) -> Order:
     if agents and kind.for_all:
         instead = f"leave out {at[-1]}" if at else "unmark the agents (a)"
         raise InputError(f"{name} is for the whole swarm; {instead}")
+    by = name == CommandKind.MOVE and _BY in arguments
+    arguments = [word for word in arguments if not (by and word == _BY)]
     _check(kind, arguments, plan)
-    return Order(name, tuple(arguments), agents)
+    return Order(name, tuple(arguments), agents, by)
 
 
 def complete(line: str, plan: Plan) -> list[str]:

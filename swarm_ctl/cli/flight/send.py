@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Annotated
 
 import typer
@@ -18,6 +17,7 @@ from swarm_ctl.cli.shared.options import (
     zenoh_settings,
 )
 from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.errors import InputError
 
 
 def send(
@@ -95,6 +95,9 @@ def send(
     from swarm_ctl.runtime.station.run_client import RunClient
     from swarm_ctl.station.picture.summaries import command_words
 
+    for name, given in {"--by": by, "--speed": speed is not None}.items():
+        if given and command not in ("move", "goto"):
+            raise InputError(f"{name} is of move alone; allowed: {command} without it")
     folder, console = flying_run(run), PlainConsole()
     manifest = read_manifest(folder)
     plan = manifest.plan
@@ -103,7 +106,7 @@ def send(
         words.append(str(speed))
     if agents:
         words.append("@" + agents.replace(" ", ""))
-    order = replace(parse(" ".join(words), plan), by=by)
+    order = parse(" ".join([*words, *(["--by"] if by else [])]), plan)
     if command == "kill" and not yes:
         named = f"agent {agents}" if agents else "EVERY agent"
         what = f"kill: the motors of {named} of {plan.name} ({folder}) stop at once"

@@ -114,6 +114,15 @@ def test_the_help_of_send_has_every_command(
     assert all(re.search(rf"^  {kind.name} .*  ", out, re.MULTILINE) for kind in KINDS)
 
 
+@pytest.mark.parametrize("option", [("--speed", "3"), ("--by",)])
+def test_options_of_move_are_no_words_of_another_command(
+    option: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A speed behind `land` became the agent that is meant."""
+    assert called(monkeypatch, "send", "land", *option) == 2
+    assert capsys.readouterr().err.startswith(f"error: {option[0]} is of move alone; allowed: land")
+
+
 def test_an_error_is_one_message_without_control_characters(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -33,6 +33,8 @@ PLAN = hexagon_plan()
         ("return @1,4-6", (), Order("return", (), (1, 4, 5, 6))),
         ("form hexagon", (), Order("form", ("hexagon",))),
         ("move 20 -5.5 2", (), Order("move", ("20", "-5.5", "2"))),
+        ("move --by 20 -5", (), Order("move", ("20", "-5"), by=True)),
+        ("move 20 -5 2 --by", (), Order("move", ("20", "-5", "2"), by=True)),
         ("tune h=0.04 kappa=15", (), Order("tune", ("h=0.04", "kappa=15"))),
         ("tune plan", (), Order("tune", ("plan",))),
         ("expel 3", (1,), Order("expel", (), (3,))),
@@ -41,7 +43,9 @@ PLAN = hexagon_plan()
     ],
 )
 def test_orders(line: str, marked: tuple[int, ...], order: Order) -> None:
+    """What an order's text says can be typed again."""
     assert parse(line, PLAN, marked) == order
+    assert parse(order.text, PLAN, order.agents) == order
 
 
 @pytest.mark.parametrize(
@@ -56,6 +60,8 @@ def test_orders(line: str, marked: tuple[int, ...], order: Order) -> None:
         ("move 1", "usage: move NORTH EAST"),
         ("move a b", "usage: move NORTH EAST"),
         ("move nan 1", "usage: move NORTH EAST"),
+        ("move --by", "usage: move NORTH EAST [SPEED] [--by], e.g. move 20 -5"),
+        ("hold --by", "@--by names no agents"),
         ("form hexagon @1", "form is for the whole swarm; leave out @1"),
         ("expel", "expel is about some agents, not all; e.g. expel 3"),
         ("expel 1-6", "expel is about some agents, not all"),
