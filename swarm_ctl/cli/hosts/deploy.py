@@ -79,7 +79,7 @@ def deploy(
         gone = any(state.report is None for state in states.values())
         raise typer.Exit(NOT_REACHED if gone else ATTENTION)
     if no_start:
-        console.say(f"each host has its bundle; swarm-ctl deploy {file} starts it")
+        console.say("each host has its bundle; the same command without --no-start starts it")
         raise typer.Exit(FINE)
     why = "" if restart else parted(states, made)
     if why:
