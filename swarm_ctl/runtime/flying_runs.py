@@ -86,12 +86,13 @@ def _started_elsewhere(runs: Path) -> list[Path]:
 
 
 def ended(folder: Path, manifest: Manifest) -> str:
-    """That a run has ended, in words that follow its name; '' where it flies, starts, or has its
-    agents on other hosts, where no process tells of them."""
+    """That a run has ended, in words that follow its name; '' where it flies, starts, or no process
+    that is seen here tells of it: its agents are on other hosts, or it is in another container."""
     if (folder / SUMMARY).exists():
         return "has ended"
     processes = folder / PROCESSES
-    if manifest.elsewhere or not processes.exists():
+    seen = manifest.process_space in (None, process_space())
+    if manifest.elsewhere or not seen or not processes.exists():
         return ""
     if _restarted_since(manifest) or not _one_lives(processes):
         return "has ended without a summary: it was killed, and none of its processes lives"
@@ -109,6 +110,14 @@ def _flying(runs: Path) -> dict[Path, Manifest]:
         if not _restarted_since(manifest):
             found[folder] = manifest
     return found
+
+
+def process_space() -> str | None:
+    """The space of process ids that this process sees; None where the system has but one."""
+    try:
+        return str(Path("/proc/self/ns/pid").readlink())
+    except OSError:
+        return None
 
 
 def _restarted_since(manifest: Manifest) -> bool:

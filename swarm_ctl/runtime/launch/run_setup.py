@@ -21,7 +21,7 @@ from swarm_ctl.report.folder.manifest import Manifest, package_versions, write_m
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.agent.agent_process import AgentConfig
 from swarm_ctl.runtime.clock import Clock
-from swarm_ctl.runtime.flying_runs import make_folder
+from swarm_ctl.runtime.flying_runs import make_folder, process_space
 from swarm_ctl.runtime.gcs.config import RELAY_JSON
 from swarm_ctl.runtime.launch.ground_control import ground_control
 from swarm_ctl.runtime.launch.ports import free_ports, refuse_taken
@@ -407,6 +407,7 @@ def _manifest(mission: LoadedMission, options: RunOptions) -> Manifest:
         plan_hash=mission.plan.fingerprint(),
         fleet=fleet,
         simulated=tuple(simulated),
+        process_space=process_space(),
         trust=None if trust is None else str(Path(trust).absolute()),
         signing=mission.fleet.signing,
         station_mesh=None if routed else spelled(meshes.pop()),

@@ -13,7 +13,7 @@ import pytest
 
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.report.folder.manifest import write_manifest
-from swarm_ctl.runtime.flying_runs import flying_run
+from swarm_ctl.runtime.flying_runs import flying_run, process_space
 from tests.unit.report.run_folders import PLAN, manifest
 
 DEAD = -1
@@ -88,6 +88,18 @@ def test_a_run_that_was_killed_is_said_to_have_ended(tmp_path: Path, dead: int) 
     assert flying_run(folder, tmp_path) == folder, "its station lives"
     (folder / "processes.json").write_text(json.dumps({"agent-1": dead, "station": dead}))
     with pytest.raises(StartError, match=r"1-square has ended without a summary: it was killed"):
+        flying_run(folder, tmp_path)
+
+
+def test_of_a_run_in_another_container_no_process_tells(tmp_path: Path, dead: int) -> None:
+    folder = a_run(tmp_path, "1-square", "square", dead)
+    (folder / "processes.json").write_text(json.dumps({"agent-1": dead}))
+    here, there = process_space(), {"process_space": "pid:[1]"}
+    told = manifest(replace(PLAN, name="square"), epoch_s=0.0)
+    write_manifest(folder, told.model_copy(update=there))
+    assert flying_run(folder, tmp_path) == folder
+    write_manifest(folder, told.model_copy(update={"process_space": here}))
+    with pytest.raises(StartError, match="has ended"):
         flying_run(folder, tmp_path)
 
 
