@@ -38,7 +38,7 @@ class Kind:
 
 
 _BY: Final = "--by"
-_MOVE_DOES: Final = "move the formation to a point [m], or by so much, at a speed [m/s]"
+_MOVE_DOES: Final = f"move the formation to a point [m] at a speed [m/s]; {_BY}: so far from here"
 _TUNE_DOES: Final = "change the law of all agents at one time"
 _LANDS: Final = ("it lands where it is", "they land where they are")
 _RETURNS: Final = ("it flies home and lands", "they fly home, all at once, and land")
@@ -52,7 +52,7 @@ KINDS: Final[tuple[Kind, ...]] = (
     Kind(CommandKind.RESUME, "", "go on with the mission", "r"),
     Kind(CommandKind.NEXT, "", "end the current step", "n"),
     Kind(CommandKind.FORM, "SHAPE", "fly into another shape of the mission", "f"),
-    Kind(CommandKind.MOVE, f"NORTH EAST [SPEED] [{_BY}]", _MOVE_DOES, "m"),
+    Kind(CommandKind.MOVE, "NORTH EAST [SPEED]", _MOVE_DOES, "m"),
     Kind(CommandKind.TUNE, "NAME=VALUE ...", _TUNE_DOES, "u"),
     Kind(CommandKind.LAND, "", "land in place", "l", _LANDS),
     Kind(CommandKind.RETURN, "", "fly home and land", "b", _RETURNS),
@@ -205,7 +205,7 @@ def _check(kind: Kind, arguments: list[str], plan: Plan) -> None:
     elif kind.name is CommandKind.MOVE:
         numbers = [_number(word) for word in arguments]
         if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):
-            raise InputError(f"usage: {usage}, e.g. move 20 -5")
+            raise InputError(f"usage: {usage}, e.g. move 20 -5, or move {_BY} 10 0")
     elif kind.name is CommandKind.TUNE:
         tuned(arguments, planned(plan), plan)
     elif arguments:

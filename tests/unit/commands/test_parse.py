@@ -60,7 +60,7 @@ def test_orders(line: str, marked: tuple[int, ...], order: Order) -> None:
         ("move 1", "usage: move NORTH EAST"),
         ("move a b", "usage: move NORTH EAST"),
         ("move nan 1", "usage: move NORTH EAST"),
-        ("move --by", "usage: move NORTH EAST [SPEED] [--by], e.g. move 20 -5"),
+        ("move --by", "usage: move NORTH EAST [SPEED], e.g. move 20 -5, or move --by 10 0"),
         ("hold --by", "@--by names no agents"),
         ("form hexagon @1", "form is for the whole swarm; leave out @1"),
         ("expel", "expel is about some agents, not all; e.g. expel 3"),
