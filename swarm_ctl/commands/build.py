@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 from swarm_ctl.commands.parse import BY_NAME, Order, tuned
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.messages import ABOUT, ENDING, Command, CommandKind, Gains, Tuning
-from swarm_ctl.core.model.plan import FormStep, MoveStep, Plan, Point
+from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.safety.fence import inside
 from swarm_ctl.core.swarm.gain_update import LEAD_S, limits, planned

@@ -12,7 +12,8 @@ from dataclasses import asdict, dataclass, replace
 from typing import Final
 
 from swarm_ctl.core.model.messages import ABOUT, CommandKind, Gains
-from swarm_ctl.core.model.plan import FormStep, Plan
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.swarm.gain_update import limits, out_of_range, planned
 from swarm_ctl.errors import InputError
 

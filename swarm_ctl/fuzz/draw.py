@@ -14,8 +14,8 @@ from typing import Any, Final, TypeAlias, TypeVar, get_args
 
 import numpy as np
 
-from swarm_ctl.core.law.planned_formation import planned_formations
-from swarm_ctl.core.model.plan import Policy, TakeoffStep
+from swarm_ctl.core.model.plan import Policy
+from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.fuzz.coverage import NOTHING, WHATS, Cell, Coverage
 from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
@@ -506,7 +506,7 @@ def _fence(mission: Data, dice: Dice, *, fair: bool) -> None:
         return
     plan = loads(yaml_file.write(mission)).plan
     leaves = not fair and dice.chance(0.25)  # the plan leads out of it: `validate` warns
-    places_m = [place for at in planned_formations(plan) for place in at.places_m()]
+    places_m = [place for at in plan.formations() for place in at.places_m()]
     places_m = [] if leaves else places_m
     places_m += [(n * plan.unit_m, e * plan.unit_m) for n, e in (a.start for a in plan.agents)]
     top_m = max(step.height_m for step in plan.steps if isinstance(step, TakeoffStep))

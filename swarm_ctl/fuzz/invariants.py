@@ -22,7 +22,10 @@ import numpy.typing as npt
 from swarm_ctl.core.agent.agent import STATUS_EVERY_S
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Outcome, Phase
-from swarm_ctl.core.model.plan import LandStep, Policy, ReturnStep, TakeoffStep
+from swarm_ctl.core.model.plan import Policy
+from swarm_ctl.core.model.steps.land import LandStep
+from swarm_ctl.core.model.steps.return_ import ReturnStep
+from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.vehicle import MISPLACED_M, OVER_M
 from swarm_ctl.core.safety.fence import inside

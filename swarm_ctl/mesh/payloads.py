@@ -18,6 +18,7 @@ from typing import Any, Final, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
+from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.messages import (
     ENDING,
     Ack,
@@ -29,7 +30,6 @@ from swarm_ctl.core.model.messages import (
     Command,
     Event,
     ExchangeState,
-    Frame,
     Glimpse,
     Phase,
     SigmaReport,

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from swarm_ctl.core.model.messages import Phase
-from swarm_ctl.core.model.plan import FormStep, MoveStep
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.move import MoveStep
 from tests.on_demand import on_demand
 from tests.scenarios.swarm import VirtualSwarm, at_step
 from tests.scenarios.test_steps import FORM, THIRD, assert_good, quartet, shape_error_m

@@ -3,7 +3,7 @@ those that follow."""
 
 from __future__ import annotations
 
-from swarm_ctl.core.model.plan import FormStep
+from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from tests.scenarios.swarm import VirtualSwarm, at_step, landing_fast
 from tests.scenarios.test_steps import TEXT, assert_good, shape_error_m

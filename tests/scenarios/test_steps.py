@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from swarm_ctl.core.law.formation import formation_error
-from swarm_ctl.core.law.planned_formation import planned_formations
 from swarm_ctl.core.model.messages import Phase, ReturnStage
 from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.mission.compile.loader import LoadedMission, load, loads
@@ -60,7 +59,7 @@ def assert_good(swarm: VirtualSwarm) -> None:
 
 
 def shape_error_m(swarm: VirtualSwarm, step: int, live: tuple[int, ...] = (1, 2, 3, 4)) -> float:
-    formation, at = planned_formations(swarm.plan)[step], swarm.positions()
+    formation, at = swarm.plan.formations()[step], swarm.positions()
     assert formation.formed
     slots = formation.offsets
     unit = swarm.plan.unit_m

@@ -15,7 +15,7 @@ from itertools import count, cycle
 import zenoh
 
 from swarm_ctl.core.model.messages import AgentState, Command, Event, Phase, Severity
-from swarm_ctl.core.model.plan import FormStep
+from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.payloads import VERSION, encode
 

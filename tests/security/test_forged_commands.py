@@ -10,7 +10,7 @@ import pytest
 from swarm_ctl.api.virtual_flight import VirtualFlight
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.messages import AgentState, Command, Phase
-from swarm_ctl.core.model.plan import FormStep
+from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.payloads import encode
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm

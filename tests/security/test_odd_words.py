@@ -11,6 +11,7 @@ from typing import Any
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.messages import (
     AgentState,
     Answers,
@@ -19,14 +20,13 @@ from swarm_ctl.core.model.messages import (
     Command,
     CommandKind,
     ExchangeState,
-    Frame,
     Gains,
     Payload,
     Phase,
     StationBeacon,
     Tuning,
 )
-from swarm_ctl.core.model.plan import MoveStep
+from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.swarm.in_plan import InPlan
 from swarm_ctl.errors import PayloadError
 from swarm_ctl.mesh.payloads import decode, encode

@@ -48,7 +48,8 @@ from swarm_ctl.core.model.messages import (
     TickReport,
 )
 from swarm_ctl.core.model.own_parameters import Found, ParameterNote
-from swarm_ctl.core.model.plan import FormStep, Plan, Response, Step
+from swarm_ctl.core.model.plan import Plan, Response
+from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.vehicle import Goal, VehicleView
 from swarm_ctl.core.swarm.hearing import Hearing, hears_all
@@ -381,10 +382,11 @@ class Agent:
         self._barrier.forget_shape()
         again = step is None
         step = context.progress.current if step is None else step
-        if isinstance(step, FormStep) and self._command_handler.override is None:
-            context.begin_form(step)
-        elif isinstance(step, FormStep):
-            context.reference.form(step.slots)
+        form = step.new_shape if step is not None else None
+        if form is not None and self._command_handler.override is None:
+            context.begin_form(form)
+        elif form is not None:
+            context.reference.form(form.slots)
         else:
             context.reference.begin(leg if again else 0)
 

@@ -12,7 +12,7 @@ from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.law.formation import error_of_one
 from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.messages import Severity
-from swarm_ctl.core.model.plan import Policy, RotateStep, ScaleStep
+from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.core.swarm.snapshot import OtherAircraft, PeerSnapshot, predicted_s
 
 _MEASURE_EVERY_S = 0.2
@@ -186,7 +186,8 @@ class Barrier:
             return None
         unit = self._plan.unit_m
         own, at = complex(*fix.position_ned_m[:2]), [_position(p, tick.now) for p in members]
-        if isinstance(context.progress.current, RotateStep | ScaleStep):
+        step = context.progress.current
+        if step is not None and step.spins:
             # The places move against each other. Vehicles lag behind them, their stop points do
             # not.
             own = complex(*context.controller.stop_point_m)

@@ -16,7 +16,9 @@ from typing import Final
 from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.messages import ABOUT, ENDING, Ack, Command, CommandKind, Departure, Phase
-from swarm_ctl.core.model.plan import FormStep, HoldStep, LandStep, MoveStep, Plan, ReturnStep, Step
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.steps.hold import HoldStep
+from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.model.text import printable
 from swarm_ctl.core.safety.fence import outside
 from swarm_ctl.core.swarm import gain_update
@@ -232,8 +234,7 @@ def _check_flying(_: Command, situation: AgentSituation) -> str:
     agent, phase = f"agent {situation.agent}", situation.phase
     if not situation.airborne or phase in (Phase.ARM, Phase.TAKEOFF):
         return f"{agent} is not flying yet (phase {situation.phase_name}); {_WAY_DOWN}"
-    down = isinstance(situation.progress.current, LandStep | ReturnStep)
-    if down or phase in (Phase.LAND, Phase.RETURN):
+    if situation.progress.goes_down or phase in (Phase.LAND, Phase.RETURN):
         return f"{agent} is on its way down (phase {situation.phase_name}); {_WAY_DOWN}"
     if phase is Phase.HOLD and situation.override is None:
         resume = "resume, " if situation.held else ""
@@ -254,8 +255,8 @@ def _check_resume(command: Command, situation: AgentSituation) -> str:
 
 
 def _check_form(command: Command, situation: AgentSituation) -> str:
-    step, plan = command.step, situation.plan
-    if not isinstance(step, FormStep):
+    step, plan = command.step.new_shape if command.step else None, situation.plan
+    if step is None:
         return "the command has no shape"
     if command.agents:
         return "a shape is for the whole swarm; give it to all agents"
@@ -272,17 +273,17 @@ def _check_form(command: Command, situation: AgentSituation) -> str:
 
 
 def _check_move(command: Command, situation: AgentSituation) -> str:
-    step = command.step
-    if not isinstance(step, MoveStep) or not step.waypoints_m:
+    path = command.step.path if command.step else None
+    if path is None or not path.way_m:
         return "the command has no point to go to"
     if command.agents:
         return "the formation moves as a whole; give it to all agents"
     if not situation.formed:
         return "there is no formation to move yet"
     limit = situation.plan.limits.speed_mps
-    if not 0 < step.speed_mps <= limit:
-        return f"{step.speed_mps:g} m/s; allowed: above 0, at most {limit:g} m/s"
-    for point in step.waypoints_m:
+    if not 0 < path.speed_mps <= limit:
+        return f"{path.speed_mps:g} m/s; allowed: above 0, at most {limit:g} m/s"
+    for point in path.way_m:
         reason = outside(situation.plan.fence, point, 0.0)
         if reason:
             return f"({point[0]:.0f}, {point[1]:.0f}) m: {reason}"

@@ -23,7 +23,7 @@ from swarm_ctl.core.model.messages import (
     ReturnStage,
     StepOutcome,
 )
-from swarm_ctl.core.model.plan import LandStep, Plan, Point, Policy, ReturnStep
+from swarm_ctl.core.model.plan import Plan, Point, Policy
 from swarm_ctl.core.model.rows import row
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.timeouts import OWN_FIX_S, OWN_LOST_S
@@ -163,7 +163,7 @@ def _taken_over(s: Situation) -> FailsafeTrigger | None:
     view = s.tick.view
     if not s.had_control or view.controlled or s.landing:
         return None
-    if isinstance(s.progress.current, LandStep):
+    if s.progress.lands_in_place:
         return None
     what = f"switched to {view.mode}" if view.armed else "disarmed"
     return failed(FailsafeAction.YIELD, _by_other_hands(what))
@@ -174,7 +174,7 @@ def _disarmed(s: Situation) -> FailsafeTrigger | None:
     view = s.tick.view
     if view.armed or not s.flown:
         return None
-    lands = s.landing or isinstance(s.progress.current, LandStep)
+    lands = s.landing or s.progress.lands_in_place
     down = view.on_ground or (lands and s.height_m < _LANDS_M)
     if not down or s.fell:
         reason = f"the vehicle was disarmed in the air; now it is {s.height_m:.1f} m up"
@@ -201,7 +201,7 @@ def _falls(s: Situation) -> FailsafeTrigger | None:
 def _sank(s: Situation) -> FailsafeTrigger | None:
     if s.sunk_s <= SUNK_S or s.landing or s.returning:
         return None
-    if isinstance(s.progress.current, LandStep | ReturnStep):
+    if s.progress.goes_down:
         return None
     reason = f"the vehicle fell out of height: {s.height_m:.1f} m up for {SUNK_S:g} s and more"
     return failed(FailsafeAction.LAND, reason)
@@ -225,7 +225,7 @@ def _peers_gone(s: Situation) -> FailsafeTrigger | None:
     """Lost peers, and peers that gave up: the mission cannot be completed without them."""
     policy, after = s.plan.policies.agent_lost, s.plan.policies.agent_lost_after_s
     on_its_own = s.returning or s.ordered is CommandKind.RETURN
-    if on_its_own or isinstance(s.progress.current, ReturnStep):
+    if on_its_own or s.progress.goes_home:
         return None
     if s.progress.step == 0:
         after = max(after, _PATIENCE_S)
@@ -256,7 +256,7 @@ def _peers_departed(s: Situation) -> FailsafeTrigger | None:
         return None
     policy = s.plan.policies.left_by_order
     new = [why for agent, why in s.departed.items() if agent not in s.accepted]
-    on_its_own = s.ordered is not None or isinstance(s.progress.current, LandStep | ReturnStep)
+    on_its_own = s.ordered is not None or s.progress.goes_down
     if policy is Policy.CONTINUE or on_its_own or not new:
         return None
     reason = f"{new[0]} (policies.left_by_order: {policy})"
@@ -276,7 +276,7 @@ def _step_timed_out(s: Situation) -> FailsafeTrigger | None:
     policy = step.on_timeout if step is not None else Policy.LAND
     if progress.finished or s.tick.now <= progress.timed_out_at or policy is Policy.CONTINUE:
         return None
-    if s.returning and not isinstance(step, ReturnStep):
+    if s.returning and not progress.goes_home:
         return None  # the way back has its own bound
     seconds = progress.timed_out_at - progress.started_s - progress.paused_s
     step_name = f"step {progress.step} ({progress.results[-1].name})"
@@ -305,7 +305,7 @@ def _not_done(s: Situation) -> str:
 
 def _beyond_fence(s: Situation) -> FailsafeTrigger | None:
     """The stop point counts: a vehicle that can no longer stop inside is as good as outside."""
-    if not s.had_control or s.tick.newest_fix is None or isinstance(s.progress.current, LandStep):
+    if not s.had_control or s.tick.newest_fix is None or s.progress.lands_in_place:
         return None
     reason = outside(s.plan.fence, s.stop_point_m, s.height_m)
     if not reason:
@@ -319,7 +319,7 @@ def _battery_low(s: Situation) -> FailsafeTrigger | None:
     left, reserve = s.tick.view.battery_percent, s.plan.policies.battery_reserve_percent
     if not s.was_armed or left is None or left >= reserve:
         return None
-    if isinstance(s.progress.current, LandStep | ReturnStep):
+    if s.progress.goes_down:
         return None
     reason = f"battery at {left:.0f} %, the reserve is {reserve:g} %"
     return _by_policy(s.plan.policies.battery_low, reason)
@@ -342,7 +342,7 @@ def _too_fast(s: Situation) -> FailsafeTrigger | None:
 
 def _estimate_in_doubt(s: Situation) -> FailsafeTrigger | None:
     """By the vehicle's own word. Its autopilot has a failsafe of its own, at looser limits."""
-    if not s.had_control or s.landing or isinstance(s.progress.current, LandStep):
+    if not s.had_control or s.landing or s.progress.lands_in_place:
         return None
     policy, doubt = s.plan.policies.estimate, s.estimate_doubt
     return _by_policy(policy, doubt) if doubt else None
@@ -399,7 +399,7 @@ def gave_up(peer: OtherAircraft, plan: Plan) -> str:
     if state is None or not peer.ends:
         return ""
     step = plan.steps[min(state.step, len(plan.steps)) - 1] if state.step > 0 else None
-    going_down = isinstance(step, LandStep | ReturnStep)
+    going_down = step is not None and step.goes_down
     if state.phase is Phase.YIELD:
         return f"agent {state.agent} has lost its vehicle to a pilot or a failsafe"
     # A peer that is called back has not left before it flies: all agents hear the same command

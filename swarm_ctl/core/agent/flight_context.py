@@ -19,7 +19,8 @@ from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.control.reference import Reference
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Event, Outcome, Phase, Severity
-from swarm_ctl.core.model.plan import FormStep, Plan, Point
+from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.vehicle import FALLS_MPS, FlyGoal, VehicleView
 from swarm_ctl.core.swarm.neighbourhood import Neighbourhood
 from swarm_ctl.core.swarm.slot_exchange import SlotExchange

@@ -9,17 +9,15 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from swarm_ctl.core.model.messages import StepOutcome, StepResult
-from swarm_ctl.core.model.plan import FormStep, Plan, Step
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.steps.step import Step
 
 
 def step_name(plan: Plan, step: int) -> str:
     """`prepare` for 0, then the mission file's own words (`form hexagon`); `?` beyond the plan."""
     if not 0 <= step <= len(plan.steps):
         return "?"
-    if step == 0:
-        return "prepare"
-    what = plan.steps[step - 1]
-    return f"{what.kind} {what.shape}" if isinstance(what, FormStep) else what.kind
+    return plan.steps[step - 1].title if step else "prepare"
 
 
 class Progress:
@@ -39,6 +37,21 @@ class Progress:
     def current(self) -> Step | None:
         """The current step; None while preparing."""
         return self._plan.steps[self.step - 1] if self.step else None
+
+    @property
+    def lands_in_place(self) -> bool:
+        """The current step does."""
+        return self.current is not None and self.current.lands_in_place
+
+    @property
+    def goes_home(self) -> bool:
+        """The current step does."""
+        return self.current is not None and self.current.goes_home
+
+    @property
+    def goes_down(self) -> bool:
+        """The current step does."""
+        return self.current is not None and self.current.goes_down
 
     @property
     def finished(self) -> bool:

@@ -16,17 +16,8 @@ from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import CommandKind, Phase, Severity, StepOutcome
-from swarm_ctl.core.model.plan import (
-    FormStep,
-    HoldStep,
-    LandStep,
-    Point,
-    Policy,
-    ReturnStep,
-    Shaped,
-    Step,
-    TakeoffStep,
-)
+from swarm_ctl.core.model.plan import Point, Policy
+from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.vehicle import AirborneGoal, Goal, ReleaseGoal, StandbyGoal
 from swarm_ctl.core.swarm.snapshot import Formation
@@ -78,7 +69,8 @@ class StepExecutor:
     def overridden(self, kind: str, before: Step | None) -> None:
         """A command of this kind takes the place of `before`, which was flown until now."""
         still = self._scattered and kind == CommandKind.HOLD
-        self._scattered = isinstance(before, FormStep) or still
+        forms = before is not None and before.new_shape is not None
+        self._scattered = forms or still
 
     def decide(self, tick: Tick) -> Goal:
         """The tick's goal."""
@@ -99,11 +91,11 @@ class StepExecutor:
         step = context.progress.current
         if step is None:
             return self._prepare(tick)
-        if isinstance(step, TakeoffStep):
-            return self._take_off(tick, step)
-        if isinstance(step, LandStep):
+        if step.climbs_to_m is not None:
+            return self._take_off(tick, step.climbs_to_m)
+        if step.lands_in_place:
             return self._landing.land(tick)
-        if isinstance(step, ReturnStep):
+        if step.goes_home:
             return self._landing.come_back(tick)
         learning = self._takeover.learning(tick, self.override)
         return learning or self._fly_formation(tick, step)
@@ -154,7 +146,7 @@ class StepExecutor:
             self._context.say(tick.now, Severity.INFO, caution)
         self._cautioned = caution or self._cautioned
 
-    def _take_off(self, tick: Tick, step: TakeoffStep) -> Goal:
+    def _take_off(self, tick: Tick, height_m: float) -> Goal:
         context, view, fix = self._context, tick.view, tick.fix
         flies = "" if view.armed else self._flies_already(tick)
         if flies:
@@ -168,10 +160,10 @@ class StepExecutor:
                 context.ground_m = fix.height_m
             context.arming_s = tick.now
             context.reason = self._last_text or "waiting for the vehicle to arm"
-            return AirborneGoal(step.height_m)
+            return AirborneGoal(height_m)
         context.phase = Phase.TAKEOFF
-        context.target_height_m = context.planned_height_m = step.height_m
-        missing_m = step.height_m - context.height(fix)
+        context.target_height_m = context.planned_height_m = height_m
+        missing_m = height_m - context.height(fix)
         climbs = missing_m > _HEIGHT_TOLERANCE_M and not context.progress.done
         # An autopilot's own take-off that a hold, a pilot or the end of an agent broke off is not
         # begun again in the air: setpoints bring the vehicle up.
@@ -179,12 +171,12 @@ class StepExecutor:
         if climbs and broken_off and view.controlled and not view.on_ground:
             return context.keep_clear(tick)
         if climbs:
-            return self._climb(tick, fix, step)
+            return self._climb(tick, fix, height_m)
         if view.controlled:
             context.progress.finish_step(tick.now)
         return context.keep_clear(tick)
 
-    def _climb(self, tick: Tick, fix: OwnFix, step: TakeoffStep) -> Goal:
+    def _climb(self, tick: Tick, fix: OwnFix, height_m: float) -> Goal:
         """Straight up, against the wind, and out of the way of others. Until it has left the ground
         a vehicle is not steered: it would lean there."""
         context, controller = self._context, self._context.controller
@@ -193,13 +185,13 @@ class StepExecutor:
         if stands or not steered or self._lifted_m is None:
             controller.rest()
             self._lifted_m = fix.position_ned_m[:2]
-            return AirborneGoal(step.height_m)
+            return AirborneGoal(height_m)
         wanted = complex(*controller.stand_at(tick.peers, self._lifted_m))
         against = controller.headwind.meet(wanted, complex(*fix.velocity_ned_mps[:2]))
         sent = wanted + against - complex(*fix.drift_mps)
-        return AirborneGoal(step.height_m, (sent.real, sent.imag))
+        return AirborneGoal(height_m, (sent.real, sent.imag))
 
-    def _fly_formation(self, tick: Tick, step: Shaped) -> Goal:
+    def _fly_formation(self, tick: Tick, step: Step) -> Goal:
         """The law in the mission's step, or in what a command has put in its place."""
         context, override, fix = self._context, self._command_handler.override, tick.fix
         context.phase = Phase.FLY
@@ -220,7 +212,7 @@ class StepExecutor:
         context, reference = self._context, self._context.reference
         own, key = context.controller.stop_point_m, (context.progress.step, self.override)
         extra, common, spin, off = (0.0, 0.0), 0j, 0j, None
-        if not isinstance(step, FormStep):
+        if step.new_shape is None:
             free = context.trigger is None
             error_m = self._barrier.formation_error_m
             others = tick.peers.without(self._barrier.departed)
@@ -231,10 +223,10 @@ class StepExecutor:
         formation = Formation(reference.slots, context.neighbourhood.own, common, key, spin)
         return context.controller.form(tick.peers, formation, extra, off)
 
-    def _exchange_slots(self, tick: Tick, step: Shaped) -> None:
+    def _exchange_slots(self, tick: Tick, step: Step) -> None:
         """Exchange slots with an agent that is in the way, where the step allows it."""
         context = self._context
-        new = isinstance(step, FormStep) and step.exchange and not context.progress.done
+        new = step.exchanges and not context.progress.done
         key = (context.progress.step, self.override)
         partner = context.slot_exchange.look(
             tick.now, context.controller.stop_point_m, key, context.neighbourhood.links, new=new
@@ -246,19 +238,21 @@ class StepExecutor:
         text = f"takes the slot of agent {partner} (exchanged: they were in each other's way)"
         context.say(tick.now, Severity.INFO, text)
 
-    def _judge(self, now: float, step: Shaped) -> None:
+    def _judge(self, now: float, step: Step) -> None:
         """Is the own part of the step done? Or its time over, where the mission then goes on?"""
         context, progress = self._context, self._context.progress
-        if isinstance(step, HoldStep):
-            if now - progress.started_s - progress.paused_s >= step.duration_s:
+        settling = step.settling
+        if settling is None:
+            lasted_s = now - progress.started_s - progress.paused_s
+            if step.lasts_s is not None and lasted_s >= step.lasts_s:
                 progress.finish_step(now)
             return
         late = step.on_timeout is Policy.CONTINUE and now > progress.timed_out_at
         unjudged_s, self._judged_s = now - self._judged_s, now
         error_m = self._barrier.formation_error_m
-        inside = error_m is not None and error_m < step.tolerance_m
+        inside = error_m is not None and error_m < settling.tolerance_m
         inside = inside and context.slot_exchange.settled(now)
-        if not isinstance(step, FormStep):
+        if step.new_shape is None:
             inside = inside and context.reference.there(step, context.controller.stop_point_m)
         if error_m is None and self._inside_since is not None:
             # Late states (a mesh that lost something and waits for it) tell nothing of the shape,
@@ -268,7 +262,7 @@ class StepExecutor:
             self._inside_since = None
         elif self._inside_since is None:
             self._inside_since = now
-        elif now - self._inside_since >= step.settle_s:
+        elif now - self._inside_since >= settling.settle_s:
             progress.finish_step(now)
         if late:
             progress.finish_step(now, StepOutcome.TIMEOUT)

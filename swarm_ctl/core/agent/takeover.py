@@ -39,7 +39,6 @@ from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import AgentState, Phase, Severity
-from swarm_ctl.core.model.plan import FormStep, HoldStep, LandStep, ReturnStep, TakeoffStep
 from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S
 from swarm_ctl.core.model.vehicle import FlyGoal, VehicleView
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
@@ -164,7 +163,7 @@ class Takeover:
 
     def _may_follow(self, view: VehicleView, flying: list[AgentState]) -> bool:
         step = self._plan.steps[_step_of(flying) - 1]
-        if isinstance(step, LandStep) and view.landing:
+        if step.lands_in_place and view.landing:
             return True
         return view.controlled
 
@@ -179,7 +178,7 @@ class Takeover:
         step = _step_of(flying)
         context.arming_s, context.was_armed = now, True
         context.ground_m = fix.height_m - _height_above_home(tick.view, fix)
-        heights = [each.height_m for each in plan.steps[:step] if isinstance(each, TakeoffStep)]
+        heights = [up_m for each in plan.steps[:step] if (up_m := each.climbs_to_m) is not None]
         height_m = heights[-1] if heights else context.height(fix)
         context.target_height_m = context.planned_height_m = height_m
         context.slot_exchange.rejoin(now)
@@ -197,12 +196,12 @@ class Takeover:
         self._step = step
         context.progress.rejoin(step, now)
         for each in plan.steps[:step]:
-            if isinstance(each, FormStep):
-                context.begin_form(each)
+            if each.new_shape is not None:
+                context.begin_form(each.new_shape)
         in_step = [state for state in flying if state.step == step]
         if in_step:
             context.reference.join(min(in_step, key=lambda state: state.agent).frame)
-        if not isinstance(plan.steps[step - 1], TakeoffStep | LandStep | ReturnStep):
+        if plan.steps[step - 1].flies_formation:
             self._learn_until = now + LEARN_S
 
     # --- a vehicle that a pilot gives back ---
@@ -243,7 +242,8 @@ class Takeover:
         """This agent has not seen the beginning of a hold step: the step is over when a peer says
         so."""
         progress = self._context.progress
-        if progress.step != self._step or not isinstance(progress.current, HoldStep):
+        step = progress.current
+        if progress.step != self._step or step is None or step.lasts_s is None:
             return
         if any((s.step, s.done) >= (self._step, True) for s in self._flying(tick.peers)):
             progress.finish_step(tick.now)

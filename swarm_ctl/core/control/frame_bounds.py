@@ -12,12 +12,11 @@ A frame that is not believed is not followed: the formation stands, and the lead
 
 from __future__ import annotations
 
-import itertools
 import math
 from typing import Final, NamedTuple
 
-from swarm_ctl.core.model.messages import Frame
-from swarm_ctl.core.model.plan import MoveStep, Point, RotateStep, ScaleStep, Step
+from swarm_ctl.core.model.formation_frame import Frame
+from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.swarm.plausibility import JUMP_M
 
 _BESIDE_M: Final = 1.0
@@ -59,26 +58,27 @@ class FrameBounds:
         `radius_m` is the outermost place's distance from the centre at scale 1. `feeds`: the rate
         that it tells is flown now.
         """
-        speed = step.speed_mps if isinstance(step, MoveStep | RotateStep | ScaleStep) else 0.0
-        tolerance_m = getattr(step, "tolerance_m", 0.0)
+        speed = step.path.speed_mps if step.path else 0.0
+        tolerance_m = step.settling.tolerance_m if step.settling else 0.0
         beside_m = min(_BESIDE_M, _SMALL * radius_m)
         if self._first_m is None:
             lag_m = self._pace_mps * min(_LATE_S, max(0.0, now - self._last_s) + _PACE_S)
-            why = self._doubt_first(frame, step, radius_m, speed, beside_m + lag_m, places)
+            first_m = beside_m + lag_m
+            why = self._doubt_first(frame, step, radius_m, tolerance_m, first_m, places)
             if why and places.worst_m > min(tolerance_m + JUMP_M, 2 * _SMALL * radius_m):
                 return why
             if why or self._start is None:
                 self._start = frame
-            self._first_m, self._first_s = along(self._start, frame, step, radius_m)[0], now
+            self._first_m, self._first_s = step.along(self._start, frame, radius_m)[0], now
             if not why:
                 beside_m += lag_m
         start = self._start or frame
-        done_m, off_m = along(start, frame, step, radius_m)
+        done_m, off_m = step.along(start, frame, radius_m)
         if off_m > beside_m:
             if self._first_s != now:
                 return _off(off_m, beside_m)
             self._start, self._first_m = frame, 0.0
-            done_m = along(frame, frame, step, radius_m)[0]
+            done_m = step.along(frame, frame, radius_m)[0]
         most_m = speed * (_FASTER * (now - self._first_s) + _PACE_S) + beside_m
         if done_m - self._first_m > most_m:
             gone = f"{done_m - self._first_m:.1f} m in {now - self._first_s:.1f} s"
@@ -98,21 +98,21 @@ class FrameBounds:
         frame: Frame,
         step: Step,
         radius_m: float,
-        speed: float,
+        tolerance_m: float,
         beside_m: float,
         places: Places,
     ) -> str:
         """Of the first frame in a step."""
         if self._start is None:
             start = Frame(frame.point_m, leg=frame.leg)
-            _, off_m = along(start, frame, step, radius_m)
+            _, off_m = step.along(start, frame, radius_m)
             off_m += max(0.0, places.centre_off_m - JUMP_M)
             return _off(off_m, beside_m) if off_m > beside_m else ""
-        done_m, off_m = along(self._start, frame, step, radius_m)
+        done_m, off_m = step.along(self._start, frame, radius_m)
         if off_m > beside_m:
             return _off(off_m, beside_m)
-        near = places.leader_off_m <= getattr(step, "tolerance_m", 0.0) + JUMP_M
-        most_m = speed * _LATE_S + beside_m
+        near = places.leader_off_m <= tolerance_m + JUMP_M
+        most_m = (step.path.speed_mps if step.path else 0.0) * _LATE_S + beside_m
         if done_m <= most_m or near:
             return ""
         return f"its formation is {done_m:.1f} m on its way; allowed: {most_m:.1f} m"
@@ -126,46 +126,6 @@ class Places(NamedTuple):
     leader_off_m: float
     centre_off_m: float
     """The centre, by all that are heard."""
-
-
-def along(start: Frame, frame: Frame, step: Step, radius_m: float) -> tuple[float, float]:
-    """How far [m] a frame has come from `start` on the step's way, and how far it is beside it,
-    both by its outermost place."""
-    (n, e), scale = frame.point_m, frame.scale
-    apart = math.dist(start.point_m, (n, e))
-    turned = abs(frame.angle_rad - start.angle_rad) * radius_m * max(scale, start.scale)
-    grown = abs(scale - start.scale) * radius_m
-    if isinstance(step, RotateStep):
-        at = _between(start.angle_rad, frame.angle_rad, step.angle_rad)
-        beside = abs(frame.angle_rad - at) * radius_m * start.scale
-        return abs(at - start.angle_rad) * radius_m * start.scale, beside + apart + grown
-    if isinstance(step, ScaleStep):
-        at = _between(start.scale, scale, step.factor)
-        return abs(at - start.scale) * radius_m, abs(scale - at) * radius_m + apart + turned
-    if not isinstance(step, MoveStep):
-        return 0.0, apart + turned + grown
-    way = [start.point_m, *step.waypoints_m[start.leg :]]
-    k = max(0, min(frame.leg - start.leg, len(way) - 1))
-    if frame.leg < start.leg:
-        done, beside = 0.0, apart
-    else:
-        done, beside = _onto(way[k], way[min(k + 1, len(way) - 1)], frame.point_m)
-    done += sum(math.dist(a, b) for a, b in itertools.pairwise(way[: k + 1]))
-    return done, beside + turned + grown
-
-
-def _onto(a: Point, b: Point, at: Point) -> tuple[float, float]:
-    """How far along from a to b, and how far beside it."""
-    length = math.dist(a, b)
-    if length == 0.0:
-        return 0.0, math.dist(a, at)
-    north, east = (b[0] - a[0]) / length, (b[1] - a[1]) / length
-    done = max(0.0, min(length, (at[0] - a[0]) * north + (at[1] - a[1]) * east))
-    return done, math.dist(at, (a[0] + done * north, a[1] + done * east))
-
-
-def _between(a: float, value: float, b: float) -> float:
-    return max(min(a, b), min(max(a, b), value))
 
 
 def _off(off_m: float, allowed_m: float) -> str:

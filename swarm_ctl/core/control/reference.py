@@ -16,90 +16,26 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Final, TypeAlias
+from typing import Final
 
 from swarm_ctl.core.control.frame_bounds import FrameBounds, Places
-from swarm_ctl.core.law.planned_formation import centred, mean_of, turned
-from swarm_ctl.core.model.messages import AgentState, Frame, Phase
-from swarm_ctl.core.model.plan import MoveStep, Plan, Point, RotateStep, ScaleStep, Step
+from swarm_ctl.core.model.formation_frame import Frame
+from swarm_ctl.core.model.geometry import Point, centred, mean_of, turned
+from swarm_ctl.core.model.messages import AgentState, Phase
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.steps.step import Path, Step
 from swarm_ctl.core.model.timeouts import PREDICT_S
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
-Moving: TypeAlias = MoveStep | RotateStep | ScaleStep
-MOVING: Final = (MoveStep, RotateStep, ScaleStep)
 _SLOW_SPAN_M: Final = 2.0
 """The frame slows down as the error exceeds the step's tolerance, and stops at this much more."""
 _CREEP: Final = 0.05
 """The least share of its speed at the end of a leg: a square root profile alone never arrives."""
-_ARRIVED_M: Final = 0.02
-
-
-# --- the frame's arithmetic: pure functions ---
-
-
-def left_m(frame: Frame, step: Moving, radius_m: float) -> float:
-    """How far the outermost agent still has to go on this leg [m]; 0 after the last leg.
-
-    `radius_m` is the outermost slot's distance from the centre at scale 1.
-    """
-    if isinstance(step, RotateStep):
-        return abs(step.angle_rad - frame.angle_rad) * radius_m * frame.scale
-    if isinstance(step, ScaleStep):
-        return abs(step.factor - frame.scale) * radius_m
-    if frame.leg >= len(step.waypoints_m):
-        return 0.0
-    return math.dist(frame.point_m, step.waypoints_m[frame.leg])
-
-
-def arrived(frame: Frame, step: Moving, radius_m: float) -> bool:
-    """Whether the frame is at the end of the step."""
-    last = not isinstance(step, MoveStep) or frame.leg >= len(step.waypoints_m)
-    return last and left_m(frame, step, radius_m) < _ARRIVED_M
-
-
-def advanced(frame: Frame, step: Moving, dt_s: float, radius_m: float) -> Frame:
-    """The frame `dt_s` later at its own rate; it never passes the end of its leg."""
-    left = left_m(frame, step, radius_m)
-    go = frame.rate * step.speed_mps * dt_s
-    share = 1.0 if left <= max(go, _ARRIVED_M) else go / left
-    if isinstance(step, RotateStep):
-        return replace(
-            frame, angle_rad=frame.angle_rad + share * (step.angle_rad - frame.angle_rad)
-        )
-    if isinstance(step, ScaleStep):
-        return replace(frame, scale=frame.scale + share * (step.factor - frame.scale))
-    if frame.leg >= len(step.waypoints_m):
-        return frame
-    (n, e), (to_n, to_e) = frame.point_m, step.waypoints_m[frame.leg]
-    point = (n + share * (to_n - n), e + share * (to_e - e))
-    return replace(frame, point_m=point, leg=frame.leg + (share == 1.0))
-
-
-def velocity_mps(frame: Frame, step: Moving, slot: Point, radius_m: float) -> Point:
-    """The feed-forward: how fast a place moves with the frame, (north, east) [m/s].
-
-    `slot` is the place relative to the centre, in metres at scale 1.
-    """
-    left = left_m(frame, step, radius_m)
-    if left < _ARRIVED_M or frame.rate == 0.0:
-        return (0.0, 0.0)
-    speed = frame.rate * step.speed_mps
-    if isinstance(step, MoveStep):
-        (n, e), (to_n, to_e) = frame.point_m, step.waypoints_m[frame.leg]
-        return (to_n - n) / left * speed, (to_e - e) / left * speed
-    if frame.scale <= 0.0:
-        return (0.0, 0.0)
-    place = turned(slot, frame.angle_rad, frame.scale)
-    if isinstance(step, RotateStep):
-        turn = math.copysign(speed / (radius_m * frame.scale), step.angle_rad - frame.angle_rad)
-        return -place[1] * turn, place[0] * turn
-    grow = math.copysign(speed / (radius_m * frame.scale), step.factor - frame.scale)
-    return place[0] * grow, place[1] * grow
 
 
 def rate_towards(
     frame: Frame,
-    step: Moving,
+    path: Path,
     radius_m: float,
     error_m: float | None,
     acceleration_mps2: float,
@@ -112,14 +48,11 @@ def rate_towards(
     """
     wanted = 0.0
     if error_m is not None:
-        wanted = max(0.0, min(1.0, 1.0 - (error_m - step.tolerance_m) / _SLOW_SPAN_M))
+        wanted = max(0.0, min(1.0, 1.0 - (error_m - path.tolerance_m) / _SLOW_SPAN_M))
     # v = sqrt(2 a s): the speed from which the frame still stops at the end of the leg
-    stopping = math.sqrt(2 * acceleration_mps2 * left_m(frame, step, radius_m)) / step.speed_mps
-    jump = acceleration_mps2 * dt_s / step.speed_mps
+    stopping = math.sqrt(2 * acceleration_mps2 * path.left_m(frame, radius_m)) / path.speed_mps
+    jump = acceleration_mps2 * dt_s / path.speed_mps
     return max(0.0, min(wanted, max(stopping, _CREEP), frame.rate + jump))
-
-
-# --- one agent's view of it ---
 
 
 class Reference:
@@ -227,31 +160,30 @@ class Reference:
                 return
             age = peers.age_s(leader.agent)
             heard = replace(leader.frame, rate=leader.frame.rate if age <= PREDICT_S else 0.0)
-            self.frame = (
-                advanced(heard, step, age, self.radius_m) if isinstance(step, MOVING) else heard
-            )
+            path = step.path
+            self.frame = path.advanced(heard, age, self.radius_m) if path else heard
         elif self.frame is not None:
             self.frame = replace(self.frame, rate=0.0)
 
     def feed_forward(self, step: Step) -> Point:
         """The velocity of the own place with the frame [m/s], to be flown on top of the law's."""
-        if self.frame is None or not self._slots or not isinstance(step, MOVING):
+        if self.frame is None or not self._slots or step.path is None:
             return (0.0, 0.0)
-        return velocity_mps(self.frame, step, self._slot_m(self._own), self.radius_m)
+        return step.path.velocity_mps(self.frame, self._slot_m(self._own), self.radius_m)
 
     def common_mps(self, step: Step) -> Point:
         """The part of the feed-forward that is the same for all agents: the centre's velocity."""
-        if self.frame is None or not isinstance(step, MoveStep):
+        if self.frame is None or step.path is None or step.spins:
             return (0.0, 0.0)
-        return velocity_mps(self.frame, step, (0.0, 0.0), self.radius_m)
+        return step.path.velocity_mps(self.frame, (0.0, 0.0), self.radius_m)
 
     def spin(self, step: Step) -> complex:
         """How the formation grows and turns about its centre [1/s]: a place at `p` from there,
         north + 1j * east, moves with `spin * p` besides."""
         frame = self.frame
-        if frame is None or not isinstance(step, RotateStep | ScaleStep) or not self._slots:
+        if frame is None or step.path is None or not step.spins or not self._slots:
             return 0j
-        north, east = velocity_mps(frame, step, (1.0, 0.0), self.radius_m)
+        north, east = step.path.velocity_mps(frame, (1.0, 0.0), self.radius_m)
         return complex(north, east) / complex(*turned((1.0, 0.0), frame.angle_rad, frame.scale))
 
     def off_m(self, own_m: Point) -> Point:
@@ -264,13 +196,10 @@ class Reference:
 
     def there(self, step: Step, own_m: Point) -> bool:
         """Whether the frame has arrived, and, on the pinned agent, this agent as well."""
-        if (
-            self.frame is None
-            or not isinstance(step, MOVING)
-            or not arrived(self.frame, step, self.radius_m)
-        ):
+        path = step.path
+        if self.frame is None or path is None or not path.arrived(self.frame, self.radius_m):
             return False
-        return not self.leads or math.hypot(*self.off_m(own_m)) < step.tolerance_m
+        return not self.leads or math.hypot(*self.off_m(own_m)) < path.tolerance_m
 
     def _slot_m(self, agent: int) -> Point:
         unit = self._plan.unit_m
@@ -280,7 +209,7 @@ class Reference:
         self, leader: AgentState, frame: Frame, step: Step, peers: PeerSnapshot, own_m: Point
     ) -> str:
         """Why the leader's frame is not believed, or ''."""
-        feeds = isinstance(step, MOVING) and left_m(frame, step, self.radius_m) >= _ARRIVED_M
+        feeds = step.path is not None and step.path.goes_on(frame, self.radius_m)
         age = peers.age_s(leader.agent)
         places = self._off_places(leader, frame, peers, own_m)
         feeds = feeds and age <= PREDICT_S
@@ -313,12 +242,13 @@ class Reference:
     def _lead(self, peers: PeerSnapshot, step: Step, own_m: Point, error_m: float | None) -> None:
         if self.frame is None:
             self.frame = Frame(self._centre(peers, own_m))
-        if not isinstance(step, MOVING):
+        path = step.path
+        if path is None:
             self.frame = replace(self.frame, rate=0.0)
             return
         dt_s, brake = self._plan.tick_s, 0.5 * self._plan.response.acceleration_mps2
-        rate = rate_towards(self.frame, step, self.radius_m, error_m, brake, dt_s)
-        self.frame = advanced(replace(self.frame, rate=rate), step, dt_s, self.radius_m)
+        rate = rate_towards(self.frame, path, self.radius_m, error_m, brake, dt_s)
+        self.frame = path.advanced(replace(self.frame, rate=rate), dt_s, self.radius_m)
 
     def _centre(self, peers: PeerSnapshot, own_m: Point) -> Point:
         """The mean of stop point minus slot over this agent and the peers it hears."""

@@ -23,10 +23,7 @@ from swarm_ctl.core.model.plan import (
     AgentPlan,
     Compensation,
     Fence,
-    FormStep,
     Geodetic,
-    HoldStep,
-    LandStep,
     LawParameters,
     Limits,
     Plan,
@@ -34,8 +31,11 @@ from swarm_ctl.core.model.plan import (
     Policies,
     Response,
     Safety,
-    TakeoffStep,
 )
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.hold import HoldStep
+from swarm_ctl.core.model.steps.land import LandStep
+from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.core.model.vehicle import Contact, FlyGoal, Goal, LimitKind, StandbyGoal, VehicleView
 from swarm_ctl.core.safety.fence import inside
 

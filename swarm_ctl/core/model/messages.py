@@ -12,9 +12,12 @@ from enum import IntEnum, StrEnum
 from typing import Final, NamedTuple, TypeAlias
 
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
+from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.own_parameters import OwnParameters
-from swarm_ctl.core.model.plan import FormStep, MoveStep, Point
+from swarm_ctl.core.model.plan import Point
 from swarm_ctl.core.model.rows import row
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.vehicle import Vector3
 
 
@@ -93,20 +96,6 @@ ENDING: Final = (CommandKind.LAND, CommandKind.RETURN, CommandKind.KILL)
 """The commands that end an agent's part of the mission."""
 ABOUT: Final = (CommandKind.EXPEL, CommandKind.READMIT)
 """Commands to all agents about some of them."""
-
-
-@row
-class Frame:
-    """Where the formation as a whole is to be: its centre [m], and how the slots of the last form
-    step are turned and scaled."""
-
-    point_m: Point
-    angle_rad: float = 0.0
-    scale: float = 1.0
-    leg: int = 0
-    """Waypoints passed."""
-    rate: float = 0.0
-    """Speed now, as a share of the step's."""
 
 
 class ReturnStage(IntEnum):

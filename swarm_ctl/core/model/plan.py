@@ -13,13 +13,18 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import itertools
 import json
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
-Point = tuple[float, float]
+from swarm_ctl.core.model.geometry import Point as Point
+from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.policies import Policies as Policies
+from swarm_ctl.core.model.policies import Policy as Policy
+from swarm_ctl.core.model.steps.table import AnyStep
 
 _SLOW_LAG_S = 0.7
 _CALM_RATE = 2.0
@@ -104,59 +109,6 @@ class Safety:
     hears place its slot on the average."""
 
 
-class Policy(StrEnum):
-    """What an agent does when something it relies on is lost."""
-
-    CONTINUE = "continue"
-    HOLD = "hold"
-    LAND = "land"
-    """Hold for `hold_before_land_s`, then land in place."""
-    RETURN = "return"
-    """All at once, in layers of height, back to the own start; land in place where that is not
-    possible."""
-
-
-@dataclass(frozen=True, slots=True)
-class Policies:
-    """What an agent does about each loss or excess, and when it counts as one [mission s]."""
-
-    agent_lost: Policy = Policy.LAND
-    agent_lost_after_s: float = 5.0
-    override_pause_s: float = 120.0
-    """For so long at most, a command to some agents alone holds the mission up for the others; then
-    those agents have left (`left_by_order`)."""
-    left_by_order: Policy = Policy.CONTINUE
-    """What the others do when an operator lands, calls back or kills some agents alone. `hold`
-    lasts until the operator commands `resume`."""
-    station_lost: Policy = Policy.LAND
-    station_lost_after_s: float = 5.0
-    hold_before_land_s: float = 3.0
-    fence: Policy = Policy.LAND
-    """Outside `Plan.fence`, or about to be: the stop point counts."""
-    battery_low: Policy = Policy.LAND
-    battery_reserve_percent: float = 20.0
-    too_fast: Policy = Policy.LAND
-    """Faster than `max_speed_mps`, or leaning more than `max_tilt_deg`: the vehicle no longer does
-    what it is told."""
-    max_speed_mps: float = 10.0
-    max_tilt_deg: float = 60.0
-    """A PX4 leans up to 45 degrees after a large step of its setpoint (MPC_TILTMAX_AIR), and a
-    little beyond: 48 was seen."""
-    wind: Policy = Policy.LAND
-    """Stronger wind than `wind_limit_mps`, where the vehicle estimates it; where not, the tilt
-    limit stands in."""
-    wind_limit_mps: float = 12.0
-    estimate: Policy = Policy.HOLD
-    """In the air, when the vehicle says for `timeouts.ESTIMATE_DOUBT_S` that its own estimate is
-    faulty, or less accurate than `position_accuracy_flight_m`."""
-    position_accuracy_m: float = 1.0
-    """With a less accurate position (one standard deviation) no vehicle takes off."""
-    position_accuracy_flight_m: float = 2.0
-    return_separation_m: float = 3.0
-    """Between the heights of two agents that return."""
-    return_speed_mps: float = 2.5
-
-
 @dataclass(frozen=True, slots=True)
 class Fence:
     """Where the vehicles may be: inside `polygon_m` ((north, east), in order; empty: anywhere), up
@@ -164,120 +116,6 @@ class Fence:
 
     polygon_m: tuple[Point, ...]
     height_m: float
-
-
-@dataclass(frozen=True, slots=True)
-class TakeoffStep:
-    """Set the mode, arm, climb to `height_m` above the vehicle's own take-off point."""
-
-    height_m: float
-    timeout_s: float
-    on_timeout: Policy = Policy.LAND
-    kind: Literal["takeoff"] = "takeoff"
-
-
-@dataclass(frozen=True, slots=True)
-class FormStep:
-    """Fly the law until the largest |e_i - mean e| stays under `tolerance_m` for `settle_s`.
-
-    `slots` has one (north, east) offset in units per agent, in the order of `Plan.agents`.
-    """
-
-    shape: str
-    slots: tuple[Point, ...]
-    tolerance_m: float
-    settle_s: float
-    timeout_s: float
-    neighbours: tuple[tuple[int, ...], ...] | None = None
-    """N_i from this step on, in the order of `Plan.agents`; None: as before."""
-    on_timeout: Policy = Policy.LAND
-    exchange: bool = False
-    """Agents that are in each other's way may take each other's slots
-    (`core/swarm/exchange_protocol.py`)."""
-    kind: Literal["form"] = "form"
-
-
-@dataclass(frozen=True, slots=True)
-class HoldStep:
-    """Keep the last formation for `duration_s`."""
-
-    duration_s: float
-    timeout_s: float
-    on_timeout: Policy = Policy.LAND
-    kind: Literal["hold"] = "hold"
-
-
-@dataclass(frozen=True, slots=True)
-class MoveStep:
-    """Take the formation's centre along `waypoints_m` (common frame) at `speed_mps`, keeping
-    shape."""
-
-    waypoints_m: tuple[Point, ...]
-    speed_mps: float
-    tolerance_m: float
-    settle_s: float
-    timeout_s: float
-    on_timeout: Policy = Policy.LAND
-    kind: Literal["move"] = "move"
-
-
-@dataclass(frozen=True, slots=True)
-class RotateStep:
-    """Turn the formation about its centre to `angle_rad` from its last form step's slots (clockwise
-    from above).
-
-    `speed_mps` is the outermost slot's.
-    """
-
-    angle_rad: float
-    speed_mps: float
-    tolerance_m: float
-    settle_s: float
-    timeout_s: float
-    on_timeout: Policy = Policy.LAND
-    kind: Literal["rotate"] = "rotate"
-
-
-@dataclass(frozen=True, slots=True)
-class ScaleStep:
-    """Widen or narrow the formation to `factor` times its last form step's slots; `speed_mps` is
-    the outermost's."""
-
-    factor: float
-    speed_mps: float
-    tolerance_m: float
-    settle_s: float
-    timeout_s: float
-    on_timeout: Policy = Policy.LAND
-    kind: Literal["scale"] = "scale"
-
-
-@dataclass(frozen=True, slots=True)
-class ReturnStep:
-    """All at once, in layers of height, back to the own start; land there, disarm."""
-
-    timeout_s: float
-    on_timeout: Policy = Policy.LAND
-    kind: Literal["return"] = "return"
-
-
-@dataclass(frozen=True, slots=True)
-class LandStep:
-    """Stop, land in place, disarm."""
-
-    timeout_s: float
-    on_timeout: Policy = Policy.LAND
-    kind: Literal["land"] = "land"
-
-
-Step: TypeAlias = (
-    TakeoffStep | FormStep | HoldStep | MoveStep | RotateStep | ScaleStep | ReturnStep | LandStep
-)
-"""`kind` names a step on screens, in results and in a plan's JSON. `on_timeout` is done when a step
-takes too long; with `continue` all agents go on to the next step, as their time is over, too."""
-
-Shaped: TypeAlias = FormStep | HoldStep | MoveStep | RotateStep | ScaleStep
-"""The steps that fly a formation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -307,7 +145,7 @@ class Plan:
     policies: Policies
     prepare_timeout_s: float
     agents: tuple[AgentPlan, ...]
-    steps: tuple[Step, ...]
+    steps: tuple[AnyStep, ...]
     fence: Fence | None
     safety: Safety
 
@@ -317,6 +155,15 @@ class Plan:
             if agent.id == agent_id:
                 return agent
         raise KeyError(agent_id)
+
+    def formations(self) -> list[PlannedFormation]:
+        """Where the formation is planned to stand before the first step (index 0), and after step
+        k (index k, from 1)."""
+        start = PlannedFormation.at_start([agent.start for agent in self.agents], self.unit_m)
+        accumulated = itertools.accumulate(
+            self.steps, lambda formation, step: step.after(formation), initial=start
+        )
+        return list(accumulated)
 
     def hash(self) -> int:
         """A 64-bit fingerprint of the whole plan, the same on every machine (floats rounded to

@@ -22,7 +22,7 @@ from swarm_ctl.core.model.messages import (
     ReturnStage,
     SigmaReport,
 )
-from swarm_ctl.core.model.plan import MoveStep, Plan
+from swarm_ctl.core.model.plan import Plan
 
 _MOST: Final = 1e12
 """Of a figure: seconds since 1970 are 2e9, and squares do not overflow."""
@@ -37,9 +37,7 @@ class InPlan:
         self._hash = plan.hash()
         self._steps = len(plan.steps)
         self._ids = frozenset(agent.id for agent in plan.agents)
-        self._legs = [
-            len(step.waypoints_m) if isinstance(step, MoveStep) else 0 for step in plan.steps
-        ]
+        self._legs = [len(step.way_m) for step in plan.steps]
         """Of each step: how many waypoints can be passed."""
 
     def own_mission(self, state: AgentState) -> AgentState:

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from swarm_ctl.core.law.formation import smallest_distance
-from swarm_ctl.core.law.planned_formation import planned_formations
-from swarm_ctl.core.model.plan import FormStep, Plan, ScaleStep
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.scale import ScaleStep
 from swarm_ctl.mission.input.document import Finding, Place
 from swarm_ctl.mission.input.findings import ROUNDING, Findings
 from swarm_ctl.mission.sections.mission_file import MissionFile
@@ -56,7 +57,7 @@ def _room_m(plan: Plan) -> float:
 
 def _closest_slots(plan: Plan) -> float:
     """Of all shapes that are formed; infinite for one agent."""
-    after = zip(plan.steps, planned_formations(plan)[1:], strict=True)
+    after = zip(plan.steps, plan.formations()[1:], strict=True)
     shapes = [found.offsets for step, found in after if isinstance(step, FormStep | ScaleStep)]
     return min(map(smallest_distance, shapes), default=math.inf)
 

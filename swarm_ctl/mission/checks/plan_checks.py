@@ -8,20 +8,17 @@ from collections.abc import Sequence
 
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import smallest_distance
-from swarm_ctl.core.law.planned_formation import PlannedFormation, planned_formations
-from swarm_ctl.core.model.plan import (
-    FormStep,
-    HoldStep,
-    LandStep,
-    MoveStep,
-    Plan,
-    Point,
-    ReturnStep,
-    RotateStep,
-    ScaleStep,
-    Step,
-    TakeoffStep,
-)
+from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.hold import HoldStep
+from swarm_ctl.core.model.steps.land import LandStep
+from swarm_ctl.core.model.steps.move import MoveStep
+from swarm_ctl.core.model.steps.return_ import ReturnStep
+from swarm_ctl.core.model.steps.rotate import RotateStep
+from swarm_ctl.core.model.steps.scale import ScaleStep
+from swarm_ctl.core.model.steps.step import Step
+from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.core.safety.fence import inside, leaves
 from swarm_ctl.mission.checks.mission_checks import MAX_DISTANCE_M
 from swarm_ctl.mission.input.document import Finding, Place
@@ -34,7 +31,7 @@ def check_plan(plan: Plan, mission: MissionFile) -> list[Finding]:
     """Every mistake that shows only in the plan; its words are those of the mission's file."""
 
     found: list[Finding] = []
-    formations = planned_formations(plan)
+    formations = plan.formations()
     for k, (step, before, after) in enumerate(
         zip(plan.steps, formations[:-1], formations[1:], strict=True)
     ):
@@ -105,7 +102,7 @@ def _beyond(plan: Plan, step: Step, before: PlannedFormation, place: Place) -> F
         starts = [(n * plan.unit_m, e * plan.unit_m) for n, e in (a.start for a in plan.agents)]
         ways: Sequence[tuple[Point, ...]] = list(zip(before.places_m(), starts, strict=True))
     else:
-        ways = before.ways_m(step)
+        ways = step.ways_m(before)
     polygon = plan.fence.polygon_m
     for agent, way in zip(plan.agents, ways, strict=True):
         out = next((at for at in way if not inside(polygon, at)), None)
@@ -124,5 +121,5 @@ def _beyond(plan: Plan, step: Step, before: PlannedFormation, place: Place) -> F
 
 def _timeout(step: Step, before: PlannedFormation, place: Place) -> Findings:
     if isinstance(step, MoveStep | RotateStep | ScaleStep):
-        needed_s = sum(before.legs_m(step)) / step.speed_mps + step.settle_s
+        needed_s = sum(step.legs_m(before)) / step.speed_mps + step.settle_s
         yield from too_short(place, step.timeout_s, needed_s)

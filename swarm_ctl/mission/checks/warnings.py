@@ -10,22 +10,17 @@ from typing import Final
 
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import smallest_distance
-from swarm_ctl.core.law.planned_formation import PlannedFormation, planned_formations
 from swarm_ctl.core.model.fleet import Signing, VehicleKind
-from swarm_ctl.core.model.plan import (
-    Compensation,
-    FormStep,
-    HoldStep,
-    MoveStep,
-    Plan,
-    Point,
-    Policy,
-    ReturnStep,
-    RotateStep,
-    ScaleStep,
-    Step,
-    TakeoffStep,
-)
+from swarm_ctl.core.model.plan import Compensation, Plan, Point, Policy
+from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.hold import HoldStep
+from swarm_ctl.core.model.steps.move import MoveStep
+from swarm_ctl.core.model.steps.return_ import ReturnStep
+from swarm_ctl.core.model.steps.rotate import RotateStep
+from swarm_ctl.core.model.steps.scale import ScaleStep
+from swarm_ctl.core.model.steps.step import Step
+from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.core.swarm.radio import LEAST_HZ, budget
 from swarm_ctl.mission.checks import envelope
 from swarm_ctl.mission.fleet.build_fleet import fleet_of
@@ -84,7 +79,7 @@ def _stretched_links(mission: MissionFile, plan: Plan) -> Findings:
     """One warning for each shape, with what would be enough."""
     ids, r = [agent.id for agent in plan.agents], plan.law.r
     links = {agent.id: agent.neighbours for agent in plan.agents}
-    befores = planned_formations(plan)
+    befores = plan.formations()
     for k, (step, before) in enumerate(zip(plan.steps, befores, strict=False)):
         if not isinstance(step, FormStep):
             continue
@@ -118,7 +113,7 @@ def _rechosen_fit(before: PlannedFormation, slots: dict[int, Point], r: float) -
 
 
 def _long_flight(_mission: MissionFile, plan: Plan) -> Findings:
-    steps = zip(plan.steps, planned_formations(plan), strict=False)
+    steps = zip(plan.steps, plan.formations(), strict=False)
     times = [_least_s(plan, step, before) for step, before in steps]
     if sum(times) > _LONG_FLIGHT_S:
         longest = max(range(len(times)), key=times.__getitem__)
@@ -139,9 +134,9 @@ def _least_s(plan: Plan, step: Step, before: PlannedFormation) -> float:
         case FormStep():
             return step.settle_s
         case MoveStep() | RotateStep() | ScaleStep():
-            return sum(before.legs_m(step)) / step.speed_mps + step.settle_s
+            return sum(step.legs_m(before)) / step.speed_mps + step.settle_s
         case ReturnStep():
-            starts_m = planned_formations(plan)[0].places_m()
+            starts_m = plan.formations()[0].places_m()
             ways_m = sum(map(math.dist, before.places_m(), starts_m))
             return ways_m / plan.policies.return_speed_mps  # one after the other
         case _:
@@ -152,7 +147,7 @@ def _far_away(mission: MissionFile, plan: Plan) -> Findings:
     """A fence that is not drawn grows with the mission, so it stops no slip."""
     if mission.fence.polygon is not None:
         return
-    home = planned_formations(plan)[0].centre_m
+    home = plan.formations()[0].centre_m
     for k, step in enumerate(plan.steps):
         way = step.waypoints_m if isinstance(step, MoveStep) else ()
         away_m = max((math.dist(home, point) for point in way), default=0.0)

@@ -8,9 +8,18 @@ import numpy as np
 
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.laws import pinned
-from swarm_ctl.core.law.planned_formation import PlannedFormation
 from swarm_ctl.core.model import plan
 from swarm_ctl.core.model.plan import Compensation, Plan, Point
+from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.hold import HoldStep
+from swarm_ctl.core.model.steps.land import LandStep
+from swarm_ctl.core.model.steps.move import MoveStep
+from swarm_ctl.core.model.steps.return_ import ReturnStep
+from swarm_ctl.core.model.steps.rotate import RotateStep
+from swarm_ctl.core.model.steps.scale import ScaleStep
+from swarm_ctl.core.model.steps.table import AnyStep
+from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.mission.geometry import slot_assignment
 from swarm_ctl.mission.geometry.shapes import slots_of
 from swarm_ctl.mission.sections.mission_file import MissionFile
@@ -98,7 +107,7 @@ def _policies(mission: MissionFile) -> plan.Policies:
     return plan.Policies(**given)
 
 
-def _fence(mission: MissionFile, starts: list[Point], steps: tuple[plan.Step, ...]) -> plan.Fence:
+def _fence(mission: MissionFile, starts: list[Point], steps: tuple[AnyStep, ...]) -> plan.Fence:
     drawn, unit = mission.fence.polygon, mission.unit_m
     corners = (
         tuple((n * unit, e * unit) for n, e in drawn)
@@ -108,13 +117,13 @@ def _fence(mission: MissionFile, starts: list[Point], steps: tuple[plan.Step, ..
     return plan.Fence(corners, mission.fence.height_m)
 
 
-def _box(start: PlannedFormation, steps: tuple[plan.Step, ...]) -> tuple[Point, ...]:
+def _box(start: PlannedFormation, steps: tuple[AnyStep, ...]) -> tuple[Point, ...]:
     """A rectangle around everything planned, `_FENCE_MARGIN_M` away from it [m]."""
     points, before = start.places_m(), start
     for step in steps:
-        after = before.after(step)
+        after = step.after(before)
         reach = max(before.radius_m, after.radius_m)
-        way = step.waypoints_m if isinstance(step, plan.MoveStep) else ()
+        way = step.way_m
         for north, east in (before.centre_m, *way):
             points += [(north - reach, east - reach), (north + reach, east + reach)]
         before = after
@@ -128,39 +137,39 @@ def _box(start: PlannedFormation, steps: tuple[plan.Step, ...]) -> tuple[Point, 
 # --- steps ---
 
 
-def _steps(mission: MissionFile, starts: dict[int, Point]) -> tuple[plan.Step, ...]:
+def _steps(mission: MissionFile, starts: dict[int, Point]) -> tuple[AnyStep, ...]:
     """Each step from where the one before leaves the formation."""
-    steps: list[plan.Step] = []
+    steps: list[AnyStep] = []
     formation = PlannedFormation.at_start(list(starts.values()), mission.unit_m)
     for written in mission.steps:
         steps.append(_step(mission, written, list(starts), formation))
-        formation = formation.after(steps[-1])
+        formation = steps[-1].after(formation)
     return tuple(steps)
 
 
 def _step(
     mission: MissionFile, step: StepEntry, ids: list[int], before: PlannedFormation
-) -> plan.Step:
+) -> AnyStep:
     limits = mission.vehicle.limits
     landing_s = _DISARM_S + 1.5 * before.height_m / min(limits.descent_mps, _TOUCHDOWN_MPS)
     match step.body:
         case TakeoffSection() as takeoff:
             generous_s = _SPOOL_UP_S + 2 * takeoff.height_m / limits.climb_mps
-            return plan.TakeoffStep(
+            return TakeoffStep(
                 takeoff.height_m, takeoff.timeout_s or generous_s, takeoff.on_timeout
             )
         case FormSection() as form:
             return _form(mission, form, ids, before)
         case HoldSection() as hold:
             timeout_s = hold.timeout_s or hold.duration_s + 30
-            return plan.HoldStep(hold.duration_s, timeout_s, hold.on_timeout)
+            return HoldStep(hold.duration_s, timeout_s, hold.on_timeout)
         case MoveSection() | RotateSection() | ScaleSection() as travel:
             return _travel(mission, travel, before)
         case ReturnSection() as back:
             generous_s = landing_s * (len(ids) + 1) + 2 * _ways_s(mission, before)
-            return plan.ReturnStep(back.timeout_s or generous_s, back.on_timeout)
+            return ReturnStep(back.timeout_s or generous_s, back.on_timeout)
         case land:
-            return plan.LandStep((land and land.timeout_s) or landing_s)
+            return LandStep((land and land.timeout_s) or landing_s)
 
 
 def _ways_s(mission: MissionFile, before: PlannedFormation) -> float:
@@ -174,7 +183,7 @@ def _ways_s(mission: MissionFile, before: PlannedFormation) -> float:
 
 def _form(
     mission: MissionFile, form: FormSection, ids: list[int], before: PlannedFormation
-) -> plan.FormStep:
+) -> FormStep:
     slots = slots_of(mission.shapes[form.shape], len(ids))
     if form.slots == "nearest":
         slots = slot_assignment.nearest(before.offsets, slots)
@@ -188,7 +197,7 @@ def _form(
     if exchange is None:
         flies_stop_points = mission.law.compensation is Compensation.STOP_POINT
         exchange = form.slots == "nearest" and flies_stop_points
-    return plan.FormStep(
+    return FormStep(
         shape=form.shape,
         # Rounded (and -0 made 0) so that the plan's hash does not hang on a machine's last bits.
         slots=tuple((float(north), float(east)) for north, east in np.round(slots, 9) + 0.0),
@@ -205,20 +214,20 @@ def _travel(
     mission: MissionFile,
     travel: MoveSection | RotateSection | ScaleSection,
     before: PlannedFormation,
-) -> plan.Step:
+) -> AnyStep:
     speed_mps = travel.speed_mps or mission.vehicle.limits.speed_mps / 2
 
-    def planned(timeout_s: float) -> plan.MoveStep | plan.RotateStep | plan.ScaleStep:
+    def planned(timeout_s: float) -> MoveStep | RotateStep | ScaleStep:
         rest = (speed_mps, travel.tolerance_m, travel.settle_s, timeout_s, travel.on_timeout)
         match travel:
             case MoveSection():
-                return plan.MoveStep(_waypoints_m(travel, before), *rest)
+                return MoveStep(_waypoints_m(travel, before), *rest)
             case RotateSection():
-                return plan.RotateStep(before.angle_rad + math.radians(travel.angle_deg), *rest)
+                return RotateStep(before.angle_rad + math.radians(travel.angle_deg), *rest)
             case ScaleSection():
-                return plan.ScaleStep(before.scale * travel.factor, *rest)
+                return ScaleStep(before.scale * travel.factor, *rest)
 
-    way_m = sum(before.legs_m(planned(0.0)))
+    way_m = sum(planned(0.0).legs_m(before))
     return planned(travel.timeout_s or 30 + travel.settle_s + 2 * way_m / speed_mps)
 
 

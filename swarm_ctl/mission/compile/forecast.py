@@ -15,18 +15,16 @@ import numpy.typing as npt
 
 from swarm_ctl.core.agent.return_to_launch import return_height_m
 from swarm_ctl.core.law.formation import distances, formation_error
-from swarm_ctl.core.law.planned_formation import PlannedFormation, planned_formations
-from swarm_ctl.core.model.plan import (
-    FormStep,
-    HoldStep,
-    MoveStep,
-    Plan,
-    ReturnStep,
-    RotateStep,
-    ScaleStep,
-    Step,
-    TakeoffStep,
-)
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.hold import HoldStep
+from swarm_ctl.core.model.steps.move import MoveStep
+from swarm_ctl.core.model.steps.return_ import ReturnStep
+from swarm_ctl.core.model.steps.rotate import RotateStep
+from swarm_ctl.core.model.steps.scale import ScaleStep
+from swarm_ctl.core.model.steps.step import Step
+from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.safety.constraints import Margins
 from swarm_ctl.errors import MissionError
@@ -98,7 +96,7 @@ def forecast(plan: Plan, autopilots: Iterable[str] = ("ardupilot",)) -> list[Ste
     kinds = [_UP_AND_DOWN[name] for name in sorted(set(autopilots))]
     forms = iter(forecast_forms(plan))
     found: list[StepForecast] = []
-    for step, before in zip(plan.steps, planned_formations(plan), strict=False):
+    for step, before in zip(plan.steps, plan.formations(), strict=False):
         if isinstance(step, FormStep):
             form = next(forms)
             found.append(StepForecast(form.formed_s, form))
@@ -132,7 +130,7 @@ def _seconds(plan: Plan, step: Step, before: PlannedFormation, kind: _UpAndDown)
         case HoldStep():
             return step.duration_s
         case MoveStep() | RotateStep() | ScaleStep():
-            legs_s = sum(_leg_s(plan, step.speed_mps, way_m) for way_m in before.legs_m(step))
+            legs_s = sum(_leg_s(plan, step.speed_mps, way_m) for way_m in step.legs_m(before))
             return legs_s + _late_s(plan) + step.settle_s
         case ReturnStep():
             return _return_s(plan, before, kind)
@@ -184,7 +182,7 @@ def forecast_forms(plan: Plan) -> list[FormForecast]:
     formation = PlannedFormation.at_start(starts, plan.unit_m)
     links: Links = [agent.neighbours for agent in plan.agents]
     for step in plan.steps:
-        formation = formation.after(step)
+        formation = step.after(formation)
         if isinstance(step, FormStep):
             links = step.neighbours or links
             points, found = _form(plan, step, points, links)

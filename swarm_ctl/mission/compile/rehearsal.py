@@ -17,7 +17,8 @@ from swarm_ctl.core.law.laws import law_of
 from swarm_ctl.core.law.response_estimate import ResponseEstimate
 from swarm_ctl.core.law.stop_point import Coast, pending
 from swarm_ctl.core.model.arrays import MANY, Bools, Complex, Floats, complex_of_last
-from swarm_ctl.core.model.plan import Compensation, FormStep, Plan
+from swarm_ctl.core.model.plan import Compensation, Plan
+from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.safety.batch_safety_filter import (
     BatchHeard,
     BatchLinks,

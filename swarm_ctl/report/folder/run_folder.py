@@ -11,7 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from swarm_ctl.core.model.messages import AgentStatus, StepOutcome
-from swarm_ctl.core.model.plan import FormStep, LandStep, Plan, ReturnStep
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.land import LandStep
+from swarm_ctl.core.model.steps.return_ import ReturnStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.swarm.in_plan import InPlan
 from swarm_ctl.errors import InputError

@@ -13,7 +13,10 @@ import numpy as np
 
 from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.model.messages import Outcome
-from swarm_ctl.core.model.plan import LandStep, Plan, Point, ReturnStep, TakeoffStep
+from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.model.steps.land import LandStep
+from swarm_ctl.core.model.steps.return_ import ReturnStep
+from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.vehicle import FALLS_MPS, MISPLACED_M
 from swarm_ctl.report.folder.flight import Flight, Source

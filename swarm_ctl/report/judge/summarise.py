@@ -13,11 +13,11 @@ import numpy as np
 
 from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.law.graph import edges
-from swarm_ctl.core.law.planned_formation import planned_formations
 from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.fleet import Signing
 from swarm_ctl.core.model.messages import AgentStatus, Event, Outcome, StepResult, TickReport
-from swarm_ctl.core.model.plan import FormStep, Plan, Point
+from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.report.folder import metrics
 from swarm_ctl.report.folder.flight import Source
 from swarm_ctl.report.folder.last_statuses import read_events, read_troubles
@@ -264,7 +264,7 @@ def _flown(run: RunFolder) -> dict[str, Any]:
         return found
     flight = flight.during(run.start_s(forms[0]), run.landing_s())
     # The newest shape, turned and scaled as planned.
-    slots_m = _in_metres(plan, planned_formations(plan)[begun[-1]].offsets)
+    slots_m = _in_metres(plan, plan.formations()[begun[-1]].offsets)
     error_m = metrics.formation_error(flight, slots_m[run.slot_indices(flight.time_s)])
     found["formation_error_m"] = metrics.last_number(error_m)
     column = {agent.id: k for k, agent in enumerate(plan.agents)}

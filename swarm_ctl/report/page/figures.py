@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from swarm_ctl.core.law.planned_formation import planned_formations
 from swarm_ctl.core.model.text import printable
 from swarm_ctl.report.page.drawing import (
     R_IN,
@@ -51,7 +50,7 @@ def _shape(history: RunHistory) -> list[tuple[int, int]]:
     """Pairs of agents that are adjacent in the last shape that was flown."""
     steps = range(1, len(history.plan.steps) + 1)
     begun = [k for k in steps if np.isfinite(history.run.start_s(k))]
-    formation = planned_formations(history.plan)[max(begun, default=0)]
+    formation = history.plan.formations()[max(begun, default=0)]
     return hull_order(np.array(formation.offsets).T) if formation.formed else []
 
 

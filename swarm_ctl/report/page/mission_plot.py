@@ -8,8 +8,12 @@ from typing import Any
 
 from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.law import graph
-from swarm_ctl.core.law.planned_formation import PlannedFormation, planned_formations
-from swarm_ctl.core.model.plan import FormStep, MoveStep, Plan, Point, RotateStep, ScaleStep
+from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.move import MoveStep
+from swarm_ctl.core.model.steps.rotate import RotateStep
+from swarm_ctl.core.model.steps.scale import ScaleStep
 from swarm_ctl.errors import InputError
 
 
@@ -52,7 +56,7 @@ def _draw(plan: Plan, axes: Any) -> None:
 
 def _draw_steps(plan: Plan, axes: Any) -> None:
     """Shapes are drawn where the centre is planned to be: the law alone keeps it only roughly."""
-    formations = planned_formations(plan)
+    formations = plan.formations()
     for k, (step, before) in enumerate(zip(plan.steps, formations, strict=False), start=1):
         label, after = f"{k} {step_name(plan, k)}", formations[k]
         if isinstance(step, MoveStep):

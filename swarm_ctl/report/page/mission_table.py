@@ -18,18 +18,14 @@ from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import closest_pair
 from swarm_ctl.core.law.stop_point import stop_distance
 from swarm_ctl.core.model.fleet import Fleet, Signing, VehicleKind
-from swarm_ctl.core.model.plan import (
-    AgentPlan,
-    FormStep,
-    MoveStep,
-    Plan,
-    Point,
-    ReturnStep,
-    RotateStep,
-    ScaleStep,
-    Step,
-    TakeoffStep,
-)
+from swarm_ctl.core.model.plan import AgentPlan, Plan, Point
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.move import MoveStep
+from swarm_ctl.core.model.steps.return_ import ReturnStep
+from swarm_ctl.core.model.steps.rotate import RotateStep
+from swarm_ctl.core.model.steps.scale import ScaleStep
+from swarm_ctl.core.model.steps.step import Step
+from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.core.model.text import agents_named, ranges
 from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S
 from swarm_ctl.core.safety.constraints import Margins

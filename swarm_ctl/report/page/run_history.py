@@ -12,7 +12,8 @@ import numpy as np
 from swarm_ctl.core.law.formation import distances
 from swarm_ctl.core.law.graph import edges
 from swarm_ctl.core.model.messages import AgentState, AgentStatus, Payload, SigmaReport
-from swarm_ctl.core.model.plan import FormStep, Plan
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import RECORDING, read, recover
 from swarm_ctl.recording.mcap_reader import is_whole

@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from swarm_ctl.commands.answers import others
 from swarm_ctl.commands.parse import BY_NAME, Order
 from swarm_ctl.core.model.messages import CommandKind
-from swarm_ctl.core.model.plan import LandStep, Plan, ReturnStep
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.steps.land import LandStep
+from swarm_ctl.core.model.steps.return_ import ReturnStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.station.dashboard.drawing.styled_line import StyledLine
 

@@ -24,7 +24,7 @@ from swarm_ctl.core.model.messages import (
     RefusalReason,
     Severity,
 )
-from swarm_ctl.core.model.plan import FormStep
+from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.text import agents_named, printable
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S, OWN_LOST_S
 from swarm_ctl.core.swarm.gain_update import differences

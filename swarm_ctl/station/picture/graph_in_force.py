@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 from swarm_ctl.core.law.graph import edges
 from swarm_ctl.core.model.messages import AgentState
-from swarm_ctl.core.model.plan import FormStep, Plan
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.steps.form import FormStep
 
 
 def edges_in_force(

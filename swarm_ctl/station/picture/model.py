@@ -11,23 +11,24 @@ from typing import Final
 import numpy as np
 
 from swarm_ctl.core.law.formation import centred, distances, errors
-from swarm_ctl.core.law.planned_formation import centred as centred_slots
-from swarm_ctl.core.law.planned_formation import turned
 from swarm_ctl.core.model.causes import FailsafeAction
+from swarm_ctl.core.model.formation_frame import Frame
+from swarm_ctl.core.model.geometry import centred as centred_slots
+from swarm_ctl.core.model.geometry import turned
 from swarm_ctl.core.model.messages import (
     Ack,
     AgentState,
     AgentStatus,
     Command,
     Event,
-    Frame,
     PairReport,
     Payload,
     Phase,
     SigmaReport,
     StationBeacon,
 )
-from swarm_ctl.core.model.plan import FormStep, Plan, Point
+from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
 from swarm_ctl.core.swarm.in_plan import InPlan
 from swarm_ctl.core.swarm.plausibility import SUSPECT_S

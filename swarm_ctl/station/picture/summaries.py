@@ -9,7 +9,8 @@ from typing import Final
 
 from swarm_ctl.commands.answers import others
 from swarm_ctl.core.model.messages import Command, Event, Phase, Severity
-from swarm_ctl.core.model.plan import FormStep, MoveStep
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.text import agents_counted, agents_named, printable, ranges
 from swarm_ctl.core.swarm.gain_update import named
 from swarm_ctl.station.picture.alarms import Alarm, Level

@@ -11,7 +11,9 @@ import pytest
 
 from swarm_ctl.commands.build import AgentNow, SwarmNow, build
 from swarm_ctl.commands.parse import Order
-from swarm_ctl.core.model.plan import Fence, FormStep, MoveStep
+from swarm_ctl.core.model.plan import Fence
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.swarm.gain_update import LEAD_S, planned
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.loader import load

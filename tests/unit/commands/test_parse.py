@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from swarm_ctl.commands.parse import BY_NAME, KINDS, Order, complete, parse
 from swarm_ctl.core.agent import command_handler
-from swarm_ctl.core.model.plan import FormStep
+from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.errors import InputError
 from tests.unit.station.swarm import hexagon_plan
 

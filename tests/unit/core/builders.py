@@ -21,21 +21,21 @@ from swarm_ctl.core.model.messages import AgentState, Event, Phase, StationBeaco
 from swarm_ctl.core.model.plan import (
     AgentPlan,
     Compensation,
-    FormStep,
     Geodetic,
-    HoldStep,
-    LandStep,
     LawParameters,
     Limits,
-    MoveStep,
     Plan,
     Policies,
     Response,
-    ReturnStep,
     Safety,
-    Step,
-    TakeoffStep,
 )
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.hold import HoldStep
+from swarm_ctl.core.model.steps.land import LandStep
+from swarm_ctl.core.model.steps.move import MoveStep
+from swarm_ctl.core.model.steps.return_ import ReturnStep
+from swarm_ctl.core.model.steps.step import Step
+from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S
 from swarm_ctl.core.model.vehicle import GlobalFix, LocalFix, VehicleView
 from swarm_ctl.core.swarm.neighbourhood import Neighbourhood

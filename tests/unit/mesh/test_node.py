@@ -24,7 +24,7 @@ from swarm_ctl.core.model.messages import (
     RefusalReason,
     Tuning,
 )
-from swarm_ctl.core.model.plan import FormStep
+from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.keys import CHANNELS, Channel, owner_of
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport

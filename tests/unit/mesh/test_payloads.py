@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.messages import (
     Ack,
     AgentState,
@@ -21,7 +22,6 @@ from swarm_ctl.core.model.messages import (
     ClockNews,
     Command,
     Event,
-    Frame,
     Gains,
     LinkReport,
     Outcome,
@@ -35,7 +35,8 @@ from swarm_ctl.core.model.messages import (
     Tuning,
 )
 from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, VehicleIdentity
-from swarm_ctl.core.model.plan import FormStep, MoveStep
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.errors import PayloadError
 from swarm_ctl.mesh.keys import CHANNELS
 from swarm_ctl.mesh.payloads import VERSION, decode, encode, is_json

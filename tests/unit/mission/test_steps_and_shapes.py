@@ -13,7 +13,10 @@ from hypothesis import strategies as st
 
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import smallest_distance
-from swarm_ctl.core.model.plan import FormStep, MoveStep, RotateStep, ScaleStep
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.move import MoveStep
+from swarm_ctl.core.model.steps.rotate import RotateStep
+from swarm_ctl.core.model.steps.scale import ScaleStep
 from swarm_ctl.errors import MissionError
 from swarm_ctl.mission.compile.loader import dumps, load, loads
 from swarm_ctl.mission.geometry import letters

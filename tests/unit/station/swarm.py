@@ -24,18 +24,18 @@ from swarm_ctl.core.model.messages import (
 from swarm_ctl.core.model.plan import (
     AgentPlan,
     Compensation,
-    FormStep,
     Geodetic,
-    HoldStep,
-    LandStep,
     LawParameters,
     Limits,
     Plan,
     Policies,
     Response,
     Safety,
-    TakeoffStep,
 )
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.hold import HoldStep
+from swarm_ctl.core.model.steps.land import LandStep
+from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.core.swarm.gain_update import planned
 from swarm_ctl.station.picture.model import Model
 

@@ -14,7 +14,8 @@ from swarm_ctl.core.agent.barrier import Barrier
 from swarm_ctl.core.agent.flight_context import FlightContext
 from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.model.messages import AgentState, Phase
-from swarm_ctl.core.model.plan import Plan, Policies, Policy, RotateStep
+from swarm_ctl.core.model.plan import Plan, Policies, Policy
+from swarm_ctl.core.model.steps.rotate import RotateStep
 from swarm_ctl.core.swarm.peers import Peers
 from swarm_ctl.core.swarm.snapshot import OtherAircraft
 from tests.unit.core.builders import (

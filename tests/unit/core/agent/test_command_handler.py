@@ -17,7 +17,10 @@ from swarm_ctl.core.agent.command_handler import (
     Override,
 )
 from swarm_ctl.core.model.messages import Ack, Command, CommandKind, Phase
-from swarm_ctl.core.model.plan import Fence, FormStep, HoldStep, MoveStep, Plan, Point
+from swarm_ctl.core.model.plan import Fence, Plan, Point
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.hold import HoldStep
+from swarm_ctl.core.model.steps.move import MoveStep
 from tests.unit.core.builders import (
     FORM,
     FORMING,

@@ -21,7 +21,8 @@ from swarm_ctl.core.agent.failsafes import (
 )
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import CommandKind, Outcome, Phase, ReturnStage, StepOutcome
-from swarm_ctl.core.model.plan import Fence, Plan, Policies, Policy, ReturnStep
+from swarm_ctl.core.model.plan import Fence, Plan, Policies, Policy
+from swarm_ctl.core.model.steps.return_ import ReturnStep
 from swarm_ctl.core.model.vehicle import GlobalFix
 from tests.unit.core.builders import (
     HOLD,

@@ -15,7 +15,8 @@ from swarm_ctl.core.agent.step_executor import StepExecutor
 from swarm_ctl.core.agent.takeover import Takeover
 from swarm_ctl.core.control.navigation import Navigator
 from swarm_ctl.core.model.messages import CommandKind, Phase, StepOutcome
-from swarm_ctl.core.model.plan import HoldStep, Plan, Policy
+from swarm_ctl.core.model.plan import Plan, Policy
+from swarm_ctl.core.model.steps.hold import HoldStep
 from swarm_ctl.core.model.vehicle import (
     AirborneGoal,
     FlyGoal,

@@ -15,8 +15,9 @@ from swarm_ctl.core.agent.preflight import Preflight
 from swarm_ctl.core.agent.takeover import EVIDENCE_S, LEARN_S, Takeover
 from swarm_ctl.core.control.navigation import Navigator
 from swarm_ctl.core.model.causes import FailsafeAction
+from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.frames import geodetic_from_ned
-from swarm_ctl.core.model.messages import Frame, Phase
+from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.vehicle import FlyGoal, GlobalFix
 from tests.unit.core.builders import (
     HEIGHT_M,

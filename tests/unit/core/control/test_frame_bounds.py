@@ -7,9 +7,12 @@ from dataclasses import replace
 import pytest
 
 from swarm_ctl.core.control.frame_bounds import FrameBounds, Places
-from swarm_ctl.core.control.reference import advanced, left_m
-from swarm_ctl.core.model.messages import Frame
-from swarm_ctl.core.model.plan import HoldStep, MoveStep, RotateStep, ScaleStep, Step
+from swarm_ctl.core.model.formation_frame import Frame
+from swarm_ctl.core.model.steps.hold import HoldStep
+from swarm_ctl.core.model.steps.move import MoveStep
+from swarm_ctl.core.model.steps.rotate import RotateStep
+from swarm_ctl.core.model.steps.scale import ScaleStep
+from swarm_ctl.core.model.steps.step import Step
 
 RADIUS_M, SPEED, TICK_S = 12.0, 2.0, 0.05
 MOVE = MoveStep(((20.0, 0.0), (20.0, 30.0)), SPEED, 0.5, 2.0, 60.0)
@@ -26,9 +29,10 @@ def followed(step: Step, seconds: float, bounds: FrameBounds, frame: Frame = STA
     """An honest leader at full speed: believed in every tick. Its frame at the end."""
     bounds.begin(frame)
     for k in range(round(seconds / TICK_S)):
-        feeds = not isinstance(step, HoldStep) and left_m(frame, step, RADIUS_M) > 0.02
-        if not isinstance(step, HoldStep):
-            frame = advanced(replace(frame, rate=1.0), step, TICK_S, RADIUS_M)
+        path = step.path
+        feeds = path is not None and path.left_m(frame, RADIUS_M) > 0.02
+        if path is not None:
+            frame = path.advanced(replace(frame, rate=1.0), TICK_S, RADIUS_M)
         assert bounds.doubt(frame, step, RADIUS_M, k * TICK_S, IN_PLACE, feeds=feeds) == ""
     return frame
 

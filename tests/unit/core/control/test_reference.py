@@ -10,17 +10,13 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.control.reference import (
-    Moving,
-    advanced,
-    arrived,
-    left_m,
-    rate_towards,
-    velocity_mps,
-)
-from swarm_ctl.core.law.planned_formation import turned
-from swarm_ctl.core.model.messages import Frame
-from swarm_ctl.core.model.plan import MoveStep, RotateStep, ScaleStep
+from swarm_ctl.core.control.reference import rate_towards
+from swarm_ctl.core.model.formation_frame import Frame
+from swarm_ctl.core.model.geometry import turned
+from swarm_ctl.core.model.steps.move import MoveStep
+from swarm_ctl.core.model.steps.rotate import RotateStep
+from swarm_ctl.core.model.steps.scale import ScaleStep
+from swarm_ctl.core.model.steps.step import Path
 
 RADIUS_M = 20.0
 POINT = st.tuples(st.floats(-200, 200), st.floats(-200, 200))
@@ -39,53 +35,53 @@ STEPS = st.one_of(
 )
 
 
-def flown(step: Moving, seconds: float, error_m: float | None = 0.0) -> Frame:
+def flown(step: Path, seconds: float, error_m: float | None = 0.0) -> Frame:
     frame = Frame((3.0, -4.0))
     for _ in range(round(seconds / 0.05)):
         frame = replace(frame, rate=rate_towards(frame, step, RADIUS_M, error_m, 1.4, 0.05))
-        frame = advanced(frame, step, 0.05, RADIUS_M)
+        frame = step.advanced(frame, 0.05, RADIUS_M)
     return frame
 
 
 @given(STEPS)
-def test_the_frame_arrives_and_stays(step: Moving) -> None:
+def test_the_frame_arrives_and_stays(step: Path) -> None:
     """In the time the way needs at its speed, with a start and a stop on each leg."""
-    way = left_m(Frame((3.0, -4.0)), step, RADIUS_M)
+    way = step.left_m(Frame((3.0, -4.0)), RADIUS_M)
     if isinstance(step, MoveStep):
         points = [(3.0, -4.0), *step.waypoints_m]
         way = sum(math.dist(a, b) for a, b in itertools.pairwise(points))
     legs = len(step.waypoints_m) if isinstance(step, MoveStep) else 1
     done = flown(step, way / step.speed_mps + legs * (step.speed_mps / 1.4 + 6.0) + 1.0)
-    assert arrived(done, step, RADIUS_M)
+    assert step.arrived(done, RADIUS_M)
     if isinstance(step, MoveStep):
         assert math.dist(done.point_m, step.waypoints_m[-1]) < 0.03
-    assert advanced(done, step, 10.0, RADIUS_M).point_m == pytest.approx(done.point_m, abs=0.03)
+    assert step.advanced(done, 10.0, RADIUS_M).point_m == pytest.approx(done.point_m, abs=0.03)
 
 
 @given(STEPS, st.tuples(st.floats(-20, 20), st.floats(-20, 20)), st.floats(0.1, 1))
 def test_feed_forward_is_the_derivative_of_the_place(
-    step: Moving, slot: tuple[float, float], rate: float
+    step: Path, slot: tuple[float, float], rate: float
 ) -> None:
     """Of each slot's place in the frame, whatever the step."""
     frame, dt = Frame((3.0, -4.0), 0.2, 1.1, 0, rate), 1e-5
-    if left_m(frame, step, RADIUS_M) < 0.1:
+    if step.left_m(frame, RADIUS_M) < 0.1:
         return
-    later = advanced(frame, step, dt, RADIUS_M)
+    later = step.advanced(frame, dt, RADIUS_M)
 
     def place(f: Frame) -> tuple[float, float]:
         north, east = turned(slot, f.angle_rad, f.scale)
         return f.point_m[0] + north, f.point_m[1] + east
 
     (n0, e0), (n1, e1) = place(frame), place(later)
-    north, east = velocity_mps(frame, step, slot, RADIUS_M)
+    north, east = step.velocity_mps(frame, slot, RADIUS_M)
     assert north == pytest.approx((n1 - n0) / dt, rel=1e-2, abs=1e-3)
     assert east == pytest.approx((e1 - e0) / dt, rel=1e-2, abs=1e-3)
 
 
 @given(STEPS)
-def test_the_frame_waits_for_the_shape_and_stops_when_blind(step: Moving) -> None:
+def test_the_frame_waits_for_the_shape_and_stops_when_blind(step: Path) -> None:
     """Two metres out of tolerance, or with a peer unheard, it does not move."""
-    assume(left_m(Frame((3.0, -4.0)), step, RADIUS_M) > 0.1)
+    assume(step.left_m(Frame((3.0, -4.0)), RADIUS_M) > 0.1)
     for error_m in (2.6, None):
         assert flown(step, 20.0, error_m) == Frame((3.0, -4.0))
 

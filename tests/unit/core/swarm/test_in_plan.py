@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.messages import (
     AgentState,
     AgentStatus,
     Command,
     CommandKind,
     ExchangeState,
-    Frame,
     PairReport,
     Payload,
     SafetyReport,

@@ -14,13 +14,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.messages import (
     AgentState,
     Answers,
     ClockEcho,
     ClockNews,
     CommandKind,
-    Frame,
     Phase,
 )
 from swarm_ctl.core.swarm.peer import Peer

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.core.model.plan import Compensation, FormStep, Limits, Plan, Response, Safety
+from swarm_ctl.core.model.plan import Compensation, Limits, Plan, Response, Safety
+from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.mission.compile.forecast import forecast, forecast_forms
 from swarm_ctl.mission.compile.loader import load, loads
 from tests.unit.mission.example import TEXT, without_section

@@ -16,15 +16,11 @@ import yaml
 from swarm_ctl.core.law import graph, laws
 from swarm_ctl.core.law.stop_point import TYPICAL
 from swarm_ctl.core.model.fleet import FleetAgent
-from swarm_ctl.core.model.plan import (
-    Compensation,
-    FormStep,
-    HoldStep,
-    LandStep,
-    Policies,
-    Policy,
-    TakeoffStep,
-)
+from swarm_ctl.core.model.plan import Compensation, Policies, Policy
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.hold import HoldStep
+from swarm_ctl.core.model.steps.land import LandStep
+from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.errors import MissionError
 from swarm_ctl.mission.compile.loader import dumps, load, loads
 from swarm_ctl.mission.fleet.fleet_file import read_fleet

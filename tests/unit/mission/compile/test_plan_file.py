@@ -12,7 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent
-from swarm_ctl.core.model.plan import FormStep, HoldStep, LandStep, Plan, TakeoffStep
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.hold import HoldStep
+from swarm_ctl.core.model.steps.land import LandStep
+from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.mission.compile.plan_file import (

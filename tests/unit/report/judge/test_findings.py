@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from swarm_ctl.core.model.messages import AgentState, Outcome, Phase
-from swarm_ctl.core.model.plan import ReturnStep
+from swarm_ctl.core.model.steps.return_ import ReturnStep
 from swarm_ctl.core.model.vehicle import OVER_M
 from swarm_ctl.recording.mcap_recorder import McapRecorder
 from swarm_ctl.recording.run_recorder import RunRecorder

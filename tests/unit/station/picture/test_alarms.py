@@ -21,7 +21,7 @@ from swarm_ctl.core.model.messages import (
     TickReport,
     VehicleLinkReport,
 )
-from swarm_ctl.core.model.plan import FormStep
+from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.swarm.gain_update import planned
 from swarm_ctl.station.dashboard.drawing.picture import Picture

@@ -19,7 +19,8 @@ from swarm_ctl.core.model.messages import (
     SigmaReport,
     StationBeacon,
 )
-from swarm_ctl.core.model.plan import FormStep, Policies
+from swarm_ctl.core.model.plan import Policies
+from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.station.picture.model import Model
 from tests.unit.station.swarm import (
     HEXAGON,

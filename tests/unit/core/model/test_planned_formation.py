@@ -8,10 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.control.reference import left_m
-from swarm_ctl.core.law.planned_formation import PlannedFormation, mean_of
-from swarm_ctl.core.model.messages import Frame
-from swarm_ctl.core.model.plan import FormStep, MoveStep, RotateStep, ScaleStep, TakeoffStep
+from swarm_ctl.core.model.formation_frame import Frame
+from swarm_ctl.core.model.geometry import mean_of
+from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.move import MoveStep
+from swarm_ctl.core.model.steps.rotate import RotateStep
+from swarm_ctl.core.model.steps.scale import ScaleStep
+from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 
 UNIT_M = 5.0
 POINT = st.tuples(st.floats(-20, 20), st.floats(-20, 20))
@@ -36,7 +40,7 @@ def test_legs_are_as_long_as_the_frame_that_flies_them_says(
     """The plan's checks and time-outs reckon with the way that the reference then flies."""
     frame = Frame(formation.centre_m, formation.angle_rad, formation.scale)
     radius_m = formation.radius_m / formation.scale
-    assert formation.legs_m(step)[0] == pytest.approx(left_m(frame, step, radius_m), abs=1e-9)
+    assert step.legs_m(formation)[0] == pytest.approx(step.left_m(frame, radius_m), abs=1e-9)
 
 
 @given(FORMATIONS)
@@ -61,9 +65,9 @@ def test_each_step_changes_what_it_names() -> None:
     form = FormStep("pair", ((1.0, 0.0), (-1.0, 0.0)), 0.5, 5.0, 60.0)
     formation = start
     for step in (TakeoffStep(10.0, 60.0), form, ROTATE, SCALE, MOVE):
-        formation = formation.after(step)
+        formation = step.after(formation)
     assert formation == PlannedFormation(
         form.slots, UNIT_M, (30.0, 40.0), 1.0, 2.0, height_m=10.0, formed=True
     )
-    again = formation.after(form)
+    again = form.after(formation)
     assert (again.angle_rad, again.scale, again.centre_m) == (0.0, 1.0, (30.0, 40.0))

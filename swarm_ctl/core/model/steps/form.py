@@ -1,0 +1,56 @@
+"""Into a shape, by the law alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from swarm_ctl.core.model.geometry import Point
+from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.policies import Policy
+from swarm_ctl.core.model.steps.step import Settling, Step
+
+
+@dataclass(frozen=True, slots=True)
+class FormStep(Step):
+    """Fly the law until the largest |e_i - mean e| stays under `tolerance_m` for `settle_s`.
+
+    `slots` has one (north, east) offset in units per agent, in the order of `Plan.agents`.
+    """
+
+    shape: str
+    slots: tuple[Point, ...]
+    tolerance_m: float
+    settle_s: float
+    timeout_s: float
+    neighbours: tuple[tuple[int, ...], ...] | None = None
+    """N_i from this step on, in the order of `Plan.agents`; None: as before."""
+    on_timeout: Policy = Policy.LAND
+    exchange: bool = False
+    """Agents that are in each other's way may take each other's slots
+    (`core/swarm/exchange_protocol.py`)."""
+    kind: Literal["form"] = "form"
+
+    @property
+    def title(self) -> str:
+        """`form hexagon`."""
+        return f"{self.kind} {self.shape}"
+
+    @property
+    def new_shape(self) -> FormStep | None:
+        """The step itself."""
+        return self
+
+    @property
+    def exchanges(self) -> bool:
+        """As the mission says."""
+        return self.exchange
+
+    @property
+    def settling(self) -> Settling | None:
+        """Of the shape, wherever it stands."""
+        return Settling(self.tolerance_m, self.settle_s)
+
+    def after(self, formation: PlannedFormation) -> PlannedFormation:
+        """The shape, about the centre of the one before."""
+        return replace(formation, slots=self.slots, angle_rad=0.0, scale=1.0, formed=True)

@@ -1,0 +1,90 @@
+"""The formation along a way."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from swarm_ctl.core.model.formation_frame import Frame
+from swarm_ctl.core.model.geometry import Point
+from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.policies import Policy
+from swarm_ctl.core.model.steps.step import Path, strayed
+
+
+@dataclass(frozen=True, slots=True)
+class MoveStep(Path):
+    """Take the formation's centre along `waypoints_m` (common frame) at `speed_mps`, keeping
+    shape."""
+
+    waypoints_m: tuple[Point, ...]
+    speed_mps: float
+    tolerance_m: float
+    settle_s: float
+    timeout_s: float
+    on_timeout: Policy = Policy.LAND
+    kind: Literal["move"] = "move"
+
+    @property
+    def way_m(self) -> tuple[Point, ...]:
+        """Its waypoints."""
+        return self.waypoints_m
+
+    def after(self, formation: PlannedFormation) -> PlannedFormation:
+        """Its centre at the last waypoint."""
+        return replace(formation, centre_m=self.waypoints_m[-1])
+
+    def poses(self, before: PlannedFormation) -> list[PlannedFormation]:
+        """At each waypoint."""
+        return [before, *(replace(before, centre_m=centre) for centre in self.waypoints_m)]
+
+    def legs_m(self, before: PlannedFormation) -> list[float]:
+        """From waypoint to waypoint."""
+        points = (before.centre_m, *self.waypoints_m)
+        return [math.dist(a, b) for a, b in itertools.pairwise(points)]
+
+    def left_m(self, frame: Frame, radius_m: float) -> float:  # noqa: ARG002
+        """To the next waypoint."""
+        if frame.leg >= len(self.waypoints_m):
+            return 0.0
+        return math.dist(frame.point_m, self.waypoints_m[frame.leg])
+
+    def arrived(self, frame: Frame, radius_m: float) -> bool:  # noqa: ARG002
+        """Whether the last waypoint is passed."""
+        return frame.leg >= len(self.waypoints_m)
+
+    def _moved(self, frame: Frame, share: float) -> Frame:
+        if frame.leg >= len(self.waypoints_m):
+            return frame
+        (n, e), (to_n, to_e) = frame.point_m, self.waypoints_m[frame.leg]
+        point = (n + share * (to_n - n), e + share * (to_e - e))
+        return replace(frame, point_m=point, leg=frame.leg + (share == 1.0))
+
+    def _velocity_mps(self, frame: Frame, slot: Point, radius_m: float) -> Point:  # noqa: ARG002
+        left, speed = self.left_m(frame, radius_m), frame.rate * self.speed_mps
+        (n, e), (to_n, to_e) = frame.point_m, self.waypoints_m[frame.leg]
+        return (to_n - n) / left * speed, (to_e - e) / left * speed
+
+    def along(self, start: Frame, frame: Frame, radius_m: float) -> tuple[float, float]:
+        """By the legs that are passed, and this one."""
+        apart_m, turned_m, grown_m = strayed(start, frame, radius_m)
+        way = [start.point_m, *self.waypoints_m[start.leg :]]
+        k = max(0, min(frame.leg - start.leg, len(way) - 1))
+        if frame.leg < start.leg:
+            done, beside = 0.0, apart_m
+        else:
+            done, beside = _onto(way[k], way[min(k + 1, len(way) - 1)], frame.point_m)
+        done += sum(math.dist(a, b) for a, b in itertools.pairwise(way[: k + 1]))
+        return done, beside + turned_m + grown_m
+
+
+def _onto(a: Point, b: Point, at: Point) -> tuple[float, float]:
+    """How far along from a to b, and how far beside it."""
+    length = math.dist(a, b)
+    if length == 0.0:
+        return 0.0, math.dist(a, at)
+    north, east = (b[0] - a[0]) / length, (b[1] - a[1]) / length
+    done = max(0.0, min(length, (at[0] - a[0]) * north + (at[1] - a[1]) * east))
+    return done, math.dist(at, (a[0] + done * north, a[1] + done * east))

@@ -1,0 +1,62 @@
+"""The formation wider or narrower."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal
+
+from swarm_ctl.core.model.formation_frame import Frame
+from swarm_ctl.core.model.geometry import Point, turned
+from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.policies import Policy
+from swarm_ctl.core.model.steps.step import Path, between, strayed
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleStep(Path):
+    """Widen or narrow the formation to `factor` times its last form step's slots; `speed_mps` is
+    the outermost's."""
+
+    factor: float
+    speed_mps: float
+    tolerance_m: float
+    settle_s: float
+    timeout_s: float
+    on_timeout: Policy = Policy.LAND
+    kind: Literal["scale"] = "scale"
+
+    spins: ClassVar[bool] = True
+
+    def after(self, formation: PlannedFormation) -> PlannedFormation:
+        """At its size."""
+        return replace(formation, scale=self.factor)
+
+    def poses(self, before: PlannedFormation) -> list[PlannedFormation]:
+        """Both ends: each agent goes straight."""
+        return [before, self.after(before)]
+
+    def legs_m(self, before: PlannedFormation) -> list[float]:
+        """Straight out or in."""
+        return [abs(self.factor / before.scale - 1.0) * before.radius_m]
+
+    def left_m(self, frame: Frame, radius_m: float) -> float:
+        """Straight out or in."""
+        return abs(self.factor - frame.scale) * radius_m
+
+    def _moved(self, frame: Frame, share: float) -> Frame:
+        return replace(frame, scale=frame.scale + share * (self.factor - frame.scale))
+
+    def _velocity_mps(self, frame: Frame, slot: Point, radius_m: float) -> Point:
+        if frame.scale <= 0.0:
+            return (0.0, 0.0)
+        place, speed = turned(slot, frame.angle_rad, frame.scale), frame.rate * self.speed_mps
+        grow = math.copysign(speed / (radius_m * frame.scale), self.factor - frame.scale)
+        return place[0] * grow, place[1] * grow
+
+    def along(self, start: Frame, frame: Frame, radius_m: float) -> tuple[float, float]:
+        """By the scale."""
+        apart_m, turned_m, _ = strayed(start, frame, radius_m)
+        at = between(start.scale, frame.scale, self.factor)
+        beside = abs(frame.scale - at) * radius_m
+        return abs(at - start.scale) * radius_m, beside + apart_m + turned_m
