@@ -283,7 +283,7 @@ def _checked(document: Document, path: Path) -> tuple[Scenario, LoadedMission]:
     try:
         scenario = Scenario.model_validate(document.data)
     except ValidationError as error:
-        found = (error_messages.problem_of(dict(e), document, _schema()) for e in error.errors())
+        found = error_messages.problems_of(map(dict, error.errors()), document, _schema())
         raise MissionError((*document.problems, *found)) from None
     if document.problems:
         raise MissionError(tuple(document.problems))

@@ -140,9 +140,7 @@ def _sections(source: Document, broken: set[str]) -> tuple[MissionFile, set[str]
         return (_partial(source.data, broken) if broken else mission), broken
     except ValidationError as error:
         found = [each for each in error.errors() if not _follows(each)]
-        source.problems += [
-            error_messages.problem_of(dict(each), source, _json_schema()) for each in found
-        ]
+        source.problems += error_messages.problems_of(map(dict, found), source, _json_schema())
         names = {str(each["loc"][0]) if each["loc"] else "" for each in found}
         # a misspelt section is broken under its own name, too
         broken = (

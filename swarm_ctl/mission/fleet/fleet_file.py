@@ -36,7 +36,7 @@ def read_fleet(path: Path) -> Fleet:
     except ValidationError as error:
         schema = FleetSection.model_json_schema()
         section = None
-        found = [error_messages.problem_of(dict(each), source, schema) for each in error.errors()]
+        found = error_messages.problems_of(map(dict, error.errors()), source, schema)
     if source.problems + found or section is None:
         raise MissionError(tuple(source.problems + found))
     entries = section.agents

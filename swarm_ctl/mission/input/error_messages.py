@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from swarm_ctl.core.model.text import escaped
 from swarm_ctl.errors import Problem
 from swarm_ctl.mission.input.document import Document, Place, dotted, problem_at
-from swarm_ctl.mission.input.near_matches import did_you_mean, slug
+from swarm_ctl.mission.input.near_matches import did_you_mean, nearest, slug
 
 _Schema = Mapping[str, Any]
 _NAME = "A-Z, a-z, 0-9, - and _ (no space; at most 40)"
@@ -20,14 +20,38 @@ _OF = {_NAMES: f" of {_NAME},", r"^[A-Za-z0-9 ]{1,12}$": " of A-Z, 0-9 and space
 """A pattern of the schema in words."""
 
 
+_UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
+"""What pydantic calls a field that a section does not have."""
 _YAML = {"null": "nothing", "NaN": ".nan", "Infinity": ".inf", "-Infinity": "-.inf"}
+
+
+def problems_of(
+    errors: Iterable[Mapping[str, Any]], document: Document, schema: _Schema
+) -> list[Problem]:
+    """Entries of `ValidationError.errors()` as problems. A misspelt field that is missing, too, is
+    one mistake."""
+    errors = list(errors)
+    meant = {place for error in errors for place in _meant(error, schema)}
+    return [
+        problem_of(error, document, schema)
+        for error in errors
+        if error["type"] != "missing" or tuple(error["loc"]) not in meant
+    ]
+
+
+def _meant(error: Mapping[str, Any], schema: _Schema) -> Iterator[Place]:
+    """Where the field would stand that an unknown one probably means."""
+    if error["type"] in _UNKNOWN:
+        (*around, word) = error["loc"]
+        fields = _find(schema, tuple(around)).get("properties", {})
+        yield (*around, nearest(str(word), list(fields)))
 
 
 def problem_of(error: Mapping[str, Any], document: Document, schema: _Schema) -> Problem:
     """An entry of `ValidationError.errors()` as a problem; `schema` is the model's JSON Schema."""
     loc: Place = tuple(error["loc"])
     place = _place(loc, document.data)
-    if error["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+    if error["type"] in _UNKNOWN:
         return _unknown(place, document, schema, _find(schema, loc[:-1]))
     if error["type"] == "missing":
         return document.problem(place, "is missing", describe(schema, _find(schema, loc)))

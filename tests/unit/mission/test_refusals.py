@@ -223,6 +223,28 @@ def test_all_mistakes_at_once_in_the_order_of_the_file() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("right", "wrong", "field"),
+    [
+        ("r_out: 1.5", "r_uot: 1.5", "law.r_uot"),
+        ("height_m: 10", "height: 10", "step 1, takeoff.height"),
+        ("\nsteps:", "\nstpes:", "stpes"),
+        ("start: [0, 3]", "strat: [0, 3]", "agents#2.strat"),
+    ],
+)
+def test_a_misspelt_field_is_one_mistake(right: str, wrong: str, field: str) -> None:
+    """Also where it has to be there: that it is missing says nothing more."""
+    assert right in TEXT
+    (problem,) = problems(edited((right, wrong)))
+    assert problem.field == field
+    assert "did you mean" in problem.what
+
+
+def test_what_is_missing_beside_an_unlike_field_is_told() -> None:
+    found = {problem.field for problem in problems(edited(("r_out: 1.5", "colour: 1.5")))}
+    assert found == {"law.colour", "law.r_out"}
+
+
 def test_a_refusal_escapes_control_characters() -> None:
     """A name or value of the file can't command the terminal that shows the refusal."""
     evil = '"\\e[2J\\u009b"'
