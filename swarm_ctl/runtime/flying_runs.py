@@ -50,7 +50,7 @@ def flying_run(named: Path | str | None = None, runs: Path = RUNS) -> Path:
     """
     if named is not None and (Path(named) / MANIFEST).exists():
         if why := ended(Path(named), read_manifest(Path(named))):
-            raise StartError(f"{named} {why}; watch it again with swarm-ctl replay {named}")
+            raise StartError(why)
         return Path(named)
     flying = _flying(runs)
     meant = {
@@ -86,17 +86,23 @@ def _started_elsewhere(runs: Path) -> list[Path]:
 
 
 def ended(folder: Path, manifest: Manifest) -> str:
-    """That a run has ended, in words that follow its name; '' where it flies, starts, or no process
-    that is seen here tells of it: its agents are on other hosts, or it is in another container."""
+    """That a run has ended, in words; '' where it flies, starts, or no process that is seen here
+    tells of it: its agents are on other hosts, or it is in another container."""
+    again = f"; watch it again with swarm-ctl replay {folder}"
+    again = again if (folder / "recording.mcap").exists() else ""
     if (folder / SUMMARY).exists():
-        return "has ended"
+        return f"{folder} has ended{again}"
     processes = folder / PROCESSES
     seen = manifest.process_space in (None, process_space())
-    if manifest.elsewhere or not seen or not processes.exists():
+    if manifest.elsewhere or not seen:
         return ""
-    if _restarted_since(manifest) or not _one_lives(processes):
-        return "has ended without a summary: it was killed, and none of its processes lives"
-    return ""
+    if processes.exists():
+        lives = _one_lives(processes)
+    else:  # it starts, or was killed meanwhile
+        lives = manifest.process is None or _lives(manifest.process)
+    if lives and not _restarted_since(manifest):
+        return ""
+    return f"{folder} was killed: none of its processes lives, and it has no summary{again}"
 
 
 def _flying(runs: Path) -> dict[Path, Manifest]:

@@ -47,8 +47,10 @@ class Manifest(PlanAndFleet):
     an earlier version)."""
     elsewhere: bool = False
     """The agents were started elsewhere: each has a clock of its own."""
+    process: int | None = None
+    """The id of `run` itself; those of the processes that it starts are in `processes.json`."""
     process_space: str | None = None
-    """Where the ids in `processes.json` mean something: a container has a space of its own."""
+    """Where these ids mean something: a container has a space of its own."""
     station_mesh: str | None = None
     """Where the station listens on the mesh of a small swarm."""
     identity: str | None = None

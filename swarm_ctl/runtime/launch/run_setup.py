@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import socket
 import uuid
@@ -407,6 +408,7 @@ def _manifest(mission: LoadedMission, options: RunOptions) -> Manifest:
         plan_hash=mission.plan.fingerprint(),
         fleet=fleet,
         simulated=tuple(simulated),
+        process=os.getpid(),
         process_space=process_space(),
         trust=None if trust is None else str(Path(trust).absolute()),
         signing=mission.fleet.signing,

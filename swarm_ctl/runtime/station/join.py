@@ -15,7 +15,7 @@ from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.mission.compile.offers import pack
 from swarm_ctl.mission.fleet.exposure import leaves_loopback, refuse_exposed
 from swarm_ctl.report.folder.last_statuses import read_commands, read_events
-from swarm_ctl.report.folder.manifest import Manifest, read_manifest
+from swarm_ctl.report.folder.manifest import read_manifest
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.flying_runs import ended
 from swarm_ctl.runtime.foxglove.recorders import LiveRecorder, foxglove_on
@@ -55,13 +55,8 @@ def join_run(folder: Path, show: Show, ports: Ports, keys: Keys = NO_KEYS) -> No
         words = "; ".join(["the log begins with the run's events and commands", _ALARMS, *notes])
         start_s = manifest.started_at.timestamp()
         stays = possible(show) is Show.DASHBOARD
-        control = GuestControl(_Once(words), lambda: _end_of(folder, manifest), stays=stays)
+        control = GuestControl(_Once(words), lambda: ended(folder, manifest), stays=stays)
         _watch(station, control, show, ports, start_s)
-
-
-def _end_of(folder: Path, manifest: Manifest) -> str:
-    why = ended(folder, manifest)
-    return f"{folder} {why}; watch it again with swarm-ctl replay {folder}" if why else ""
 
 
 class SwarmMesh:

@@ -26,6 +26,7 @@ def a_run(runs: Path, name: str, mission: str, pid: int = DEAD, *, ended: bool =
     (folder / "processes.json").write_text(json.dumps({"agent-1": pid, "station": os.getpid()}))
     if ended:
         (folder / "summary.json").touch()
+        (folder / "recording.mcap").touch()
     return folder
 
 
@@ -87,7 +88,7 @@ def test_a_run_that_was_killed_is_said_to_have_ended(tmp_path: Path, dead: int) 
     folder = a_run(tmp_path, "1-square", "square", dead)
     assert flying_run(folder, tmp_path) == folder, "its station lives"
     (folder / "processes.json").write_text(json.dumps({"agent-1": dead, "station": dead}))
-    with pytest.raises(StartError, match=r"1-square has ended without a summary: it was killed"):
+    with pytest.raises(StartError, match=r"1-square was killed: none .* no summary$"):
         flying_run(folder, tmp_path)
 
 
@@ -99,7 +100,7 @@ def test_of_a_run_in_another_container_no_process_tells(tmp_path: Path, dead: in
     write_manifest(folder, told.model_copy(update=there))
     assert flying_run(folder, tmp_path) == folder
     write_manifest(folder, told.model_copy(update={"process_space": here}))
-    with pytest.raises(StartError, match="has ended"):
+    with pytest.raises(StartError, match="was killed"):
         flying_run(folder, tmp_path)
 
 
@@ -115,11 +116,16 @@ def test_a_process_that_nothing_has_asked_for_its_exit_code_is_dead(tmp_path: Pa
         process.wait()
 
 
-def test_a_run_that_starts_has_not_ended(tmp_path: Path) -> None:
+def test_a_run_that_starts_has_not_ended_unless_it_was_killed(tmp_path: Path, dead: int) -> None:
+    """Its processes are not known yet, but itself is."""
     folder = tmp_path / "1-square"
     folder.mkdir()
-    write_manifest(folder, manifest(replace(PLAN, name="square"), epoch_s=0.0))
-    assert flying_run(folder, tmp_path) == folder
+    for process in (None, os.getpid()):
+        write_manifest(folder, manifest(epoch_s=0.0, process=process))
+        assert flying_run(folder, tmp_path) == folder
+    write_manifest(folder, manifest(epoch_s=0.0, process=dead))
+    with pytest.raises(StartError, match="1-square was killed"):
+        flying_run(folder, tmp_path)
 
 
 def test_of_two_alike_none_is_named_by_its_mission(tmp_path: Path) -> None:
