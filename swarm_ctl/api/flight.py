@@ -203,10 +203,12 @@ class SwarmFlight(ABC):
         """Order a shape of the mission."""
         return self.order(Order("form", (shape,)))
 
-    def move(self, north_m: float, east_m: float, speed_mps: float | None = None) -> SentCommand:
-        """Order the formation's centre to a point, in metres from the origin."""
-        speed = [] if speed_mps is None else [speed_mps]
-        return self.order(Order("move", tuple(map(str, [north_m, east_m, *speed]))))
+    def move(
+        self, north_m: float, east_m: float, speed_mps: float | None = None, *, by: bool = False
+    ) -> SentCommand:
+        """Order the formation's centre to a point, in metres from the origin; or by so much."""
+        numbers = [north_m, east_m, *([] if speed_mps is None else [speed_mps])]
+        return self.order(Order("move", tuple(map(str, numbers)), by=by))
 
     @abstractmethod
     def kill_agent(self, agent: int) -> None:

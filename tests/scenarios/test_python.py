@@ -23,6 +23,7 @@ from swarm_ctl.api.swarm import AsyncSwarm, OrderError, Swarm
 from swarm_ctl.api.virtual_flight import VirtualFlight
 from swarm_ctl.cli.shared.options import runs_in
 from swarm_ctl.commands.parse import BY_NAME
+from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.runtime.flying_runs import flying_run
 from swarm_ctl.runtime.station.ground_station import swarm_now
@@ -147,6 +148,10 @@ def test_orders_have_the_shell_s_names_and_an_earlier_name_says_the_new_one() ->
 def test_one_lands_and_the_others_return() -> None:
     with swarm_ctl.fly(BARE, vehicles="virtual") as swarm:
         swarm.step("form pair")
+        there, on = (swarm.move(8.0, 3.0, by=by).command.step for by in (False, True))
+        assert isinstance(there, MoveStep)
+        assert isinstance(on, MoveStep)
+        assert there.waypoints_m[-1] == (8.0, 3.0) != on.waypoints_m[-1]
         assert swarm.land(1).acks[1].accepted
         assert swarm.return_(2).acks[2].accepted
         assert swarm.finish().all_down
