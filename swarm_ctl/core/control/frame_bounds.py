@@ -27,6 +27,9 @@ _FASTER: Final = 1.05
 """Than the step's speed: two clocks run at the same rate to much less."""
 _PACE_S: Final = 0.5
 """Of the way at full speed: states are at most so late, and clocks are known better."""
+_FORGETS_S: Final = 5.0
+"""A rate that leads too far: on a busy machine a leader loses ticks, and its frame moves by whole
+ticks. So a fifth of them may be lost for as long as a move takes."""
 _LATE_S: Final = 10.0
 """A step begins so much later on one agent than on another, at most: a command reaches all in this
 time, or none."""
@@ -43,12 +46,14 @@ class FrameBounds:
         self._first_s = self._last_s = -math.inf
         self._pace_mps = 0.0
         """Of the step in which a frame was believed last."""
-        self._fed_m = 0.0
-        """How far the rates that were told have led since the first frame."""
+        self._ahead_m = 0.0
+        """How far the rates that were told have of late led beyond the frames."""
+        self._done_m, self._fed_s = 0.0, -math.inf
+        """How far along its way the last frame was, and when."""
 
     def begin(self, start: Frame | None) -> None:
         """A step begins, with the frame here."""
-        self._start, self._first_m, self._fed_m = start, None, 0.0
+        self._start, self._first_m, self._ahead_m = start, None, 0.0
 
     def doubt(
         self, frame: Frame, step: Step, radius_m: float, now: float, places: Places, *, feeds: bool
@@ -83,15 +88,24 @@ class FrameBounds:
         if done_m - self._first_m > most_m:
             gone = f"{done_m - self._first_m:.1f} m in {now - self._first_s:.1f} s"
             return f"its formation moved by {gone}; allowed: {most_m:.1f} m"
-        if feeds and now > self._last_s and math.isfinite(self._last_s) and self._first_s != now:
-            self._fed_m += frame.rate * speed * min(now - self._last_s, _PACE_S)
-        ahead_m = self._fed_m - (done_m - self._first_m)
+        self._feed(done_m, frame.rate * speed if feeds else 0.0, now)
         allowed_m = speed * 2 * _PACE_S + beside_m
-        if ahead_m > allowed_m:
-            moves = f"moves by {self._fed_m:.1f} m and stands {ahead_m:.1f} m behind that"
-            return f"its formation, by its rate, {moves}; allowed: {allowed_m:.1f} m"
+        if self._ahead_m > allowed_m:
+            behind = f"stays {self._ahead_m:.1f} m behind what its rate says"
+            return f"its formation {behind}; allowed: {allowed_m:.1f} m"
         self._last_s, self._pace_mps = now, speed
         return ""
+
+    def _feed(self, done_m: float, speed_mps: float, now: float) -> None:
+        """The frame is so far along its way, and its rate has been flown at this speed since the
+        last one, believed or not."""
+        if self._first_s == now:
+            self._ahead_m = 0.0
+        elif now > self._fed_s:
+            passed_s = min(now - self._fed_s, _PACE_S)
+            led_m = speed_mps * passed_s - (done_m - self._done_m)
+            self._ahead_m = self._ahead_m * math.exp(-passed_s / _FORGETS_S) + led_m
+        self._done_m, self._fed_s = done_m, now
 
     def _doubt_first(
         self,

@@ -84,7 +84,25 @@ def test_a_rate_without_motion_is_not_believed_for_long() -> None:
         bounds.doubt(frame, MOVE, RADIUS_M, 2.0 + k * TICK_S, AWAY, feeds=True) for k in range(80)
     ]
     assert found[0] == ""
-    assert "by its rate" in found[-1]
+    assert "what its rate says" in found[-1]
+    frame = replace(frame, rate=0.0)
+    believed = [
+        bounds.doubt(frame, MOVE, RADIUS_M, 6.0 + k * TICK_S, AWAY, feeds=True) == ""
+        for k in range(300)
+    ]
+    assert believed[-1], "a leader that tells no more than it flies is believed again"
+
+
+@pytest.mark.parametrize("hz", [18.7, 16.0])
+def test_a_leader_that_loses_ticks_is_believed_however_long_its_way(hz: float) -> None:
+    """Its frame moves by whole ticks, and a busy machine gives it fewer: 15.6 Hz of 20 were seen
+    for seconds, and 18.7 Hz for a minute, on a way of 150 m."""
+    bounds, far = FrameBounds(), replace(MOVE, waypoints_m=((300.0, 0.0),))
+    frame = START
+    bounds.begin(frame)
+    for k in range(2500):
+        frame = far.path.advanced(replace(frame, rate=1.0), TICK_S, RADIUS_M)
+        assert bounds.doubt(frame, far, RADIUS_M, k / hz, IN_PLACE, feeds=True) == ""
 
 
 def test_a_creeping_shrink_is_not_believed() -> None:
