@@ -18,7 +18,7 @@ from swarm_ctl.core.model.text import agents_named, ranges
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps, load, loads
-from swarm_ctl.mission.sections.mission_file import MissionFile
+from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.report.folder.truth import Truth
 from swarm_ctl.report.judge.summary import Summary
 from swarm_ctl.station.picture.view import SwarmView

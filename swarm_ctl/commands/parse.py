@@ -13,7 +13,6 @@ from typing import Final
 
 from swarm_ctl.core.model.messages import ABOUT, CommandKind, Gains
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.swarm.gain_update import limits, out_of_range, planned
 from swarm_ctl.errors import InputError
 
@@ -87,7 +86,7 @@ class Order:
 
 def shapes(plan: Plan) -> list[str]:
     """The names of the shapes in the mission's steps."""
-    return list(dict.fromkeys(step.shape for step in plan.steps if isinstance(step, FormStep)))
+    return list(dict.fromkeys(form.shape for s in plan.steps if (form := s.new_shape) is not None))
 
 
 def parse(line: str, plan: Plan, marked: Iterable[int] = ()) -> Order:

@@ -12,11 +12,11 @@ from rich.table import Table
 
 from swarm_ctl.commands.parse import KINDS as ORDERS
 from swarm_ctl.mission.sections.simulation_section import Pilot, SimParameters
-from swarm_ctl.mission.sections.step_sections import StepEntry
+from swarm_ctl.mission.steps.table import KINDS
 from swarm_ctl.virtual.scenario import Happening
 from swarm_ctl.virtual.scenario_flight import Met
 
-STEPS: Final = ("prepare", *StepEntry.kinds())
+STEPS: Final = ("prepare", *KINDS)
 NOTHING: Final = "nothing"
 FAULTS: Final = tuple(kind for kind in Happening.KINDS if kind != "order")
 PILOTS: Final = get_args(Pilot)

@@ -15,7 +15,6 @@ from typing import Any, Final, TypeAlias, TypeVar, get_args
 import numpy as np
 
 from swarm_ctl.core.model.plan import Policy
-from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.fuzz.coverage import NOTHING, WHATS, Cell, Coverage
 from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
@@ -509,7 +508,7 @@ def _fence(mission: Data, dice: Dice, *, fair: bool) -> None:
     places_m = [place for at in plan.formations() for place in at.places_m()]
     places_m = [] if leaves else places_m
     places_m += [(n * plan.unit_m, e * plan.unit_m) for n, e in (a.start for a in plan.agents)]
-    top_m = max(step.height_m for step in plan.steps if isinstance(step, TakeoffStep))
+    top_m = max(step.climbs_to_m or 0.0 for step in plan.steps)
     metre = 1.0 if mission.get("lengths") == "metres" else 1.0 / plan.unit_m
     room_m = dice.number(14, 25, 0) if fair or dice.chance(0.6) else dice.number(1, 8, 1)
     norths, easts = zip(*places_m, strict=True)

@@ -23,9 +23,6 @@ from swarm_ctl.core.agent.agent import STATUS_EVERY_S
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Outcome, Phase
 from swarm_ctl.core.model.plan import Policy
-from swarm_ctl.core.model.steps.land import LandStep
-from swarm_ctl.core.model.steps.return_ import ReturnStep
-from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.vehicle import MISPLACED_M, OVER_M
 from swarm_ctl.core.safety.fence import inside
@@ -276,7 +273,7 @@ class _Seen:
     def home_s(self) -> float:
         """When the plan's own landing began [s]; inf: it did not."""
         steps = enumerate(self.plan.steps, 1)
-        home = (k for k, step in steps if isinstance(step, LandStep | ReturnStep))
+        home = (k for k, step in steps if step.goes_down)
         return min(map(self.step_start, home), default=math.inf)
 
 
@@ -402,7 +399,7 @@ def _acts(seen: _Seen, agent: int, at_s: float) -> bool:
 
 def _ordered(seen: _Seen) -> Iterator[str]:
     truth, plan = seen.truth, seen.plan
-    up = next((k for k, step in enumerate(plan.steps, 1) if isinstance(step, TakeoffStep)), 1)
+    up = next((k for k, step in enumerate(plan.steps, 1) if step.climbs_to_m is not None), 1)
     flies_s = seen.step_start(up + 1)
     for agent in seen.ids:
         track, taken_s = seen.track(agent), seen.taken[agent]
@@ -580,7 +577,7 @@ def _times_out(seen: _Seen) -> Iterator[str]:
         for result, step in zip(said[0].steps[1:] if said else (), seen.plan.steps, strict=False):
             took_s = (said[0].time_s if result.end_s is None else result.end_s) - result.start_s
             ends = step.on_timeout not in (Policy.CONTINUE, Policy.HOLD)
-            ends = ends and not isinstance(step, ReturnStep | LandStep)
+            ends = ends and not step.goes_down
             until_s = result.start_s + took_s
             held = sum(
                 s.action is FailsafeAction.HOLD and result.start_s <= s.time_s <= until_s
@@ -624,7 +621,8 @@ def _goes_on(seen: _Seen, agent: int, gone: set[int], at_s: float, by_s: float) 
         return False  # it has ended
     now = said[-1]
     planned = seen.plan.steps[min(now.step, len(seen.plan.steps)) - 1] if now.step else None
-    if isinstance(planned, LandStep | ReturnStep) or now.phase in (Phase.CONNECT, Phase.PREPARE):
+    down = planned is not None and planned.goes_down
+    if down or now.phase in (Phase.CONNECT, Phase.PREPARE):
         return False
     over = [s for lost in gone for s in seen.statuses[lost][-1:] if s.phase is Phase.ENDED]
     return now.action is None and now.phase is Phase.FLY and not over and now.airborne
@@ -720,7 +718,7 @@ def _against_completed(seen: _Seen) -> Iterator[str]:
             continue
         if not seen.events(agent, EventKind.LIFTOFF):
             yield f"agent {agent} never flew"
-        if isinstance(seen.plan.steps[-1], ReturnStep):
+        if seen.plan.steps[-1].goes_home:
             north, east = seen.plan.agent(agent).start
             home = (north * seen.unit_m, east * seen.unit_m)
             off_m = math.dist(seen.track(agent)[-1, :2], home)

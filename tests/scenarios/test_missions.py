@@ -13,7 +13,7 @@ import pytest
 from swarm_ctl.core.law import graph
 from swarm_ctl.mission.compile.forecast import forecast
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps, load, loads
-from swarm_ctl.mission.sections.mission_file import json_schema
+from swarm_ctl.mission.mission_file import json_schema
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from tests.on_demand import on_demand
 from tests.scenarios.swarm import landing_fast

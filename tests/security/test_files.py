@@ -24,7 +24,7 @@ from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.mission.compile.plan_file import read_plan
 from swarm_ctl.mission.input.yaml_file import MOST_ENTRIES
-from swarm_ctl.mission.sections.mission_file import MissionFile
+from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.recording import IndexedRecording, recover
 from swarm_ctl.recording.mcap_reader import messages
 from swarm_ctl.recording.mcap_recorder import McapRecorder

@@ -15,6 +15,6 @@ def schema() -> None:
     \b
         swarm-ctl schema > mission.schema.json
     """
-    from swarm_ctl.mission.sections.mission_file import json_schema
+    from swarm_ctl.mission.mission_file import json_schema
 
     typer.echo(json.dumps(json_schema(), indent=2))

@@ -13,11 +13,9 @@ from typing import Final
 
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.core.model.steps.form import FormStep
-from swarm_ctl.core.model.steps.scale import ScaleStep
 from swarm_ctl.mission.input.document import Finding, Place
 from swarm_ctl.mission.input.findings import ROUNDING, Findings
-from swarm_ctl.mission.sections.mission_file import MissionFile
+from swarm_ctl.mission.mission_file import MissionFile
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +55,7 @@ def _room_m(plan: Plan) -> float:
 
 def _closest_slots(plan: Plan) -> float:
     """Of all shapes that are formed; infinite for one agent."""
-    after = zip(plan.steps, plan.formations()[1:], strict=True)
-    shapes = [found.offsets for step, found in after if isinstance(step, FormStep | ScaleStep)]
+    shapes = [formation.offsets for formation in plan.formations() if formation.formed]
     return min(map(smallest_distance, shapes), default=math.inf)
 
 
@@ -74,7 +71,7 @@ def with_usual_speed(mission: MissionFile, plan: Plan) -> MissionFile:
     vehicle, chosen = mission.vehicle, mission.vehicle.limits.model_fields_set
     most_mps = math.sqrt(_STUDIED * plan.response.acceleration_mps2 * _room_m(plan))
     usual_mps = max(0.1, math.floor(10 * most_mps) / 10)
-    needed = [getattr(step, "speed_mps", 0.0) for step in plan.steps]
+    needed = [step.path.speed_mps if step.path else 0.0 for step in plan.steps]
     if "speed_mps" in chosen or not max(needed) <= usual_mps < plan.limits.speed_mps:
         return mission
     limits = vehicle.limits.model_copy(update={"speed_mps": usual_mps})

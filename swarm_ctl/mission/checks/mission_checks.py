@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from typing import Any
 
 from swarm_ctl.core.law import graph, laws
 from swarm_ctl.core.law.formation import distances
@@ -22,40 +23,33 @@ from swarm_ctl.mission.input.document import Finding, Place
 from swarm_ctl.mission.input.findings import (
     ROUNDING,
     Findings,
+    bad_links,
     listed,
     named_parts,
     too_short,
     twice,
 )
-from swarm_ctl.mission.input.near_matches import did_you_mean
 from swarm_ctl.mission.input.units import enough, metres, said
-from swarm_ctl.mission.sections.mission_file import MissionFile
+from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.sections.shape_sections import OffsetsShape, RingShape, Shape, StarShape
 from swarm_ctl.mission.sections.simulation_section import overlaps
-from swarm_ctl.mission.sections.step_sections import (
-    FormSection,
-    MoveSection,
-    RotateSection,
-    ScaleSection,
-    StepEntry,
-)
-
-MAX_DISTANCE_M = 5000.0
-"""From the origin: further out the common frame's flat horizon is metres off the earth's."""
-_DOWN_MPS = 1.5
-"""No firmware as delivered comes down faster (WPNAV_SPEED_DN, MPC_Z_V_AUTO_DN)."""
-_KEEPING = ("hold", "move", "rotate", "scale")
-_LAST = ("land", "return")
+from swarm_ctl.mission.steps.move import MAX_DISTANCE_M
+from swarm_ctl.mission.steps.table import KINDS, LAST
 
 
 def check(mission: MissionFile, broken: frozenset[str] = frozenset()) -> list[Finding]:
     """All mistakes, but for those that need a section in `broken`; lengths are the file's."""
-    return [
+    found = [
         finding
         for needs, function in _CHECKS
         if not broken.intersection(needs.split())
         for finding in function(mission)
     ]
+    for k, step in enumerate(() if "steps" in broken else mission.steps):
+        for needs, check_step in KINDS[step.kind].checks if step.kind else ():
+            if not broken.intersection(needs.split()):
+                found += check_step(step.body, ("steps", k, step.kind), mission)
+    return found
 
 
 # --- law ---
@@ -143,20 +137,8 @@ def _connected(mission: MissionFile) -> Findings:
 
 
 def _links(mission: MissionFile) -> Findings:
-    given: list[tuple[Place, object]] = [(("neighbours",), mission.neighbours)]
-    given += [((*place, "neighbours"), form.neighbours) for place, form in _forms(mission)]
     ids = sorted(agent.id for agent in mission.agents)
-    for place, links in given:
-        if not isinstance(links, tuple):
-            continue
-        for k, (i, j) in enumerate(links):
-            if i not in ids or j not in ids or i == j:
-                allowed = f"two different ids of {listed(ids)}"
-                yield Finding((*place, k), f"[{i}, {j}] is no link", allowed)
-        parts = graph.components(graph.of_links(ids, links))
-        if len(parts) > 1:
-            what = f"the graph is not connected: it falls into {named_parts(parts)}"
-            yield Finding(place, what, "links between them")
+    yield from bad_links(("neighbours",), mission.neighbours, ids)
 
 
 # --- fleet ---
@@ -271,8 +253,10 @@ def _wide(shape: Shape, times: float) -> str:
 
 def _slot_counts(mission: MissionFile) -> Findings:
     need = len(mission.agents)
-    used = {form.shape: None for _, form in _forms(mission) if form.shape in mission.shapes}
-    for name in used:
+    formed = {step.body.shape_formed: None for step in mission.steps if step.body}
+    for name in formed:
+        if name is None or name not in mission.shapes:
+            continue
         shape = mission.shapes[name]
         have = slot_count(shape, need)
         if have != need:
@@ -284,72 +268,33 @@ def _slot_counts(mission: MissionFile) -> Findings:
 # --- steps ---
 
 
-def _forms(mission: MissionFile) -> list[tuple[Place, FormSection]]:
-    return [(("steps", k, "form"), step.form) for k, step in enumerate(mission.steps) if step.form]
-
-
 def _steps(mission: MissionFile) -> Findings:
     kinds = [step.kind for step in mission.steps]
     last = len(kinds) - 1
     for k, kind in enumerate(kinds):
         place = ("steps", k)
         if not kind:
-            yield Finding(
-                place, "is not one step", f"exactly one of {', '.join(StepEntry.kinds())}"
-            )
-        elif k == 0 and kind != "takeoff":
+            yield Finding(place, "is not one step", f"exactly one of {', '.join(KINDS)}")
+        elif k == 0 and not KINDS[kind].opens:
             yield Finding(place, f"{kind} before takeoff", "takeoff as the first step")
-        elif k > 0 and kind == "takeoff":
-            yield Finding(place, "takeoff in the air", "takeoff as the first step only")
-        if k < last and kind in _LAST:
+        elif k > 0 and KINDS[kind].opens:
+            yield Finding(place, f"{kind} in the air", f"{kind} as the first step only")
+        if k < last and kind in LAST:
             yield Finding(place, f"steps after {kind}", f"{kind} as the last step only")
-        if kind in _KEEPING and "form" not in kinds[:k]:
+        formed = any(step.body and step.body.shape_formed for step in mission.steps[:k])
+        if kind and KINDS[kind].keeps_formation and not formed:
             yield Finding(place, f"{kind} without a formation to keep", "a form step before it")
-    if kinds[last] not in {*_LAST, ""}:
+    if kinds[last] not in {*LAST, ""}:
         what = f"the mission ends with {kinds[last]}"
         yield Finding(("steps", last), what, "land or return as the last step")
 
 
-def _form_shapes(mission: MissionFile) -> Findings:
-    known = sorted(mission.shapes)
-    for place, form in _forms(mission):
-        if form.shape not in mission.shapes:
-            hint = did_you_mean(form.shape, known)
-            allowed = f"one of {', '.join(known)}" if known else "a shape from the section shapes"
-            yield Finding((*place, "shape"), f"there is no shape {form.shape!r}{hint}", allowed)
-
-
-def _travels(mission: MissionFile) -> Findings:
-    limit = mission.vehicle.limits.speed_mps
-    for k, step in enumerate(mission.steps):
-        travel, place = step.body, ("steps", k, step.kind)
-        if isinstance(travel, MoveSection):
-            given = [name for name in ("to", "along", "by") if getattr(travel, name) is not None]
-            if len(given) != 1:
-                what = f"has {' and '.join(given) or 'no way to go'}"
-                yield Finding(place, what, "one of to, along, by")
-        if (
-            isinstance(travel, MoveSection | RotateSection | ScaleSection)
-            and (travel.speed_mps or 0.0) > limit
-        ):
-            what = f"{travel.speed_mps:g} m/s is faster than the vehicles may fly"
-            allowed = f"at most vehicle.limits.speed_mps = {limit:g}"
-            yield Finding((*place, "speed_mps"), what, allowed)
-
-
 def _timeouts(mission: MissionFile) -> Findings:
-    first, climb_mps = mission.steps[0].takeoff, mission.vehicle.limits.climb_mps
     for k, step in enumerate(mission.steps):
-        place: Place = ("steps", k, step.kind)
-        down = step.land or step.return_
-        if step.takeoff:
-            yield from too_short(place, step.takeoff.timeout_s, step.takeoff.height_m / climb_mps)
-        elif step.form:
-            yield from too_short(place, step.form.timeout_s, step.form.settle_s)
-        elif step.hold:
-            yield from too_short(place, step.hold.timeout_s, step.hold.duration_s)
-        elif down and first:
-            yield from too_short(place, down.timeout_s, first.height_m / _DOWN_MPS)
+        if step.kind:
+            body: Any = step.body
+            needed_s = KINDS[step.kind].needed_s(body, mission)
+            yield from too_short(("steps", k, step.kind), body.timeout_s, needed_s)
 
 
 # --- fence ---
@@ -390,8 +335,6 @@ _CHECKS: tuple[tuple[str, Callable[[MissionFile], Findings]], ...] = (
     ("shapes agents law lengths unit_m", _shapes),
     ("shapes agents steps", _slot_counts),
     ("steps", _steps),
-    ("steps shapes", _form_shapes),
     ("steps vehicle", _timeouts),
-    ("steps vehicle", _travels),
-    ("neighbours steps agents", _links),
+    ("neighbours agents", _links),
 )

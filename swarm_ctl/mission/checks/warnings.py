@@ -13,14 +13,6 @@ from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.fleet import Signing, VehicleKind
 from swarm_ctl.core.model.plan import Compensation, Plan, Point, Policy
 from swarm_ctl.core.model.planned_formation import PlannedFormation
-from swarm_ctl.core.model.steps.form import FormStep
-from swarm_ctl.core.model.steps.hold import HoldStep
-from swarm_ctl.core.model.steps.move import MoveStep
-from swarm_ctl.core.model.steps.return_ import ReturnStep
-from swarm_ctl.core.model.steps.rotate import RotateStep
-from swarm_ctl.core.model.steps.scale import ScaleStep
-from swarm_ctl.core.model.steps.step import Step
-from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.core.swarm.radio import LEAST_HZ, budget
 from swarm_ctl.mission.checks import envelope
 from swarm_ctl.mission.fleet.build_fleet import fleet_of
@@ -28,7 +20,8 @@ from swarm_ctl.mission.fleet.exposure import exposures
 from swarm_ctl.mission.input.document import Finding, Place
 from swarm_ctl.mission.input.findings import ROUNDING, Findings
 from swarm_ctl.mission.input.units import said
-from swarm_ctl.mission.sections.mission_file import MissionFile
+from swarm_ctl.mission.mission_file import MissionFile
+from swarm_ctl.mission.steps.table import KINDS, kind_of
 
 _SMALLEST_R_IN_M = 1.0
 _WEAK_R_OUT = 3.0
@@ -44,8 +37,6 @@ _FAR_M: Final = 500.0
 _SLOW_MPS: Final = 0.3
 _LOW_M: Final = 2.0
 _MOST_RESERVE: Final = 50.0
-_RADIANS: Final = 0.02
-"""So near, in twelfths of pi, an angle in degrees looks like one in radians."""
 _PLAIN_RATE = 0.05
 """kappa * h of the plain law that left no pair of a laggy swarm under r_in in trials; four times as
 much did."""
@@ -81,11 +72,12 @@ def _stretched_links(mission: MissionFile, plan: Plan) -> Findings:
     links = {agent.id: agent.neighbours for agent in plan.agents}
     befores = plan.formations()
     for k, (step, before) in enumerate(zip(plan.steps, befores, strict=False)):
-        if not isinstance(step, FormStep):
+        form = step.new_shape
+        if form is None:
             continue
-        if step.neighbours:
-            links = dict(zip(ids, step.neighbours, strict=True))
-        slots = dict(zip(ids, step.slots, strict=True))
+        if form.neighbours:
+            links = dict(zip(ids, form.neighbours, strict=True))
+        slots = dict(zip(ids, form.slots, strict=True))
         lengths = sorted((math.dist(slots[i], slots[j]), i, j) for i, j in graph.edges(links))
         beyond = [link for link in lengths if link[0] > r + ROUNDING]
         if not beyond:
@@ -94,12 +86,12 @@ def _stretched_links(mission: MissionFile, plan: Plan) -> Findings:
         many = f"{len(beyond)} links, the longest" if len(beyond) > 1 else "the link"
         length = said(longest * plan.unit_m, mission, least=True)
         what = (
-            f"{step.shape} stretches {many} {i}-{j} to {length}, beyond"
+            f"{form.shape} stretches {many} {i}-{j} to {length}, beyond"
             f" law.r = {said(r * plan.unit_m, mission)}; r of {length} is enough"
         )
         if _rechosen_fit(before, slots, r):
             what += ", or neighbours: rechoose in this step"
-        yield Finding(("steps", k, "form", "shape"), what, "")
+        yield Finding(("steps", k, step.kind, "shape"), what, "")
 
 
 def _rechosen_fit(before: PlannedFormation, slots: dict[int, Point], r: float) -> bool:
@@ -114,7 +106,7 @@ def _rechosen_fit(before: PlannedFormation, slots: dict[int, Point], r: float) -
 
 def _long_flight(_mission: MissionFile, plan: Plan) -> Findings:
     steps = zip(plan.steps, plan.formations(), strict=False)
-    times = [_least_s(plan, step, before) for step, before in steps]
+    times = [kind_of(step).least_s(step, plan, before) for step, before in steps]
     if sum(times) > _LONG_FLIGHT_S:
         longest = max(range(len(times)), key=times.__getitem__)
         what = (
@@ -124,45 +116,25 @@ def _long_flight(_mission: MissionFile, plan: Plan) -> Findings:
         yield Finding(("steps", longest, plan.steps[longest].kind), what, "")
 
 
-def _least_s(plan: Plan, step: Step, before: PlannedFormation) -> float:
-    """What a step takes at its speed; a form step its settling, a landing nothing."""
-    match step:
-        case TakeoffStep():
-            return step.height_m / plan.limits.climb_mps
-        case HoldStep():
-            return step.duration_s
-        case FormStep():
-            return step.settle_s
-        case MoveStep() | RotateStep() | ScaleStep():
-            return sum(step.legs_m(before)) / step.speed_mps + step.settle_s
-        case ReturnStep():
-            starts_m = plan.formations()[0].places_m()
-            ways_m = sum(map(math.dist, before.places_m(), starts_m))
-            return ways_m / plan.policies.return_speed_mps  # one after the other
-        case _:
-            return 0.0
-
-
 def _far_away(mission: MissionFile, plan: Plan) -> Findings:
     """A fence that is not drawn grows with the mission, so it stops no slip."""
     if mission.fence.polygon is not None:
         return
     home = plan.formations()[0].centre_m
     for k, step in enumerate(plan.steps):
-        way = step.waypoints_m if isinstance(step, MoveStep) else ()
-        away_m = max((math.dist(home, point) for point in way), default=0.0)
+        away_m = max((math.dist(home, point) for point in step.way_m), default=0.0)
         if away_m > _FAR_M:
             what = (
                 f"goes {said(away_m, mission)} from the starts, out of a pilot's sight; the"
                 " geofence grows with it: draw one in fence.polygon"
             )
-            yield Finding(("steps", k, "move"), what, "")
+            yield Finding(("steps", k, step.kind), what, "")
 
 
 def _slow(_mission: MissionFile, plan: Plan) -> Findings:
     for k, step in enumerate(plan.steps):
-        if isinstance(step, MoveStep | RotateStep | ScaleStep) and step.speed_mps < _SLOW_MPS:
-            what = f"{step.speed_mps:g} m/s is less than a GPS position drifts"
+        if step.path is not None and step.path.speed_mps < _SLOW_MPS:
+            what = f"{step.path.speed_mps:g} m/s is less than a GPS position drifts"
             yield Finding(("steps", k, step.kind, "speed_mps"), what, "")
     if plan.limits.speed_mps < _SLOW_MPS:
         what = f"{plan.limits.speed_mps:g} m/s is less than a GPS position drifts"
@@ -171,24 +143,23 @@ def _slow(_mission: MissionFile, plan: Plan) -> Findings:
 
 def _low(_mission: MissionFile, plan: Plan) -> Findings:
     for k, step in enumerate(plan.steps):
-        if isinstance(step, TakeoffStep) and step.height_m < _LOW_M:
-            what = (
-                f"{step.height_m:g} m: rotors blow back from the ground, and height estimates err"
-            )
-            yield Finding(("steps", k, "takeoff", "height_m"), what, "")
+        if step.climbs_to_m is not None and step.climbs_to_m < _LOW_M:
+            low = f"{step.climbs_to_m:g} m"
+            what = f"{low}: rotors blow back from the ground, and height estimates err"
+            yield Finding(("steps", k, step.kind, "height_m"), what, "")
 
 
 def _loose_tolerance(mission: MissionFile, plan: Plan) -> Findings:
     """Formed before it is flown."""
     for k, step in enumerate(plan.steps):
-        if isinstance(step, FormStep):
-            apart_m = smallest_distance(step.slots) * plan.unit_m
-            if apart_m / 2 < step.tolerance_m:
+        if (form := step.new_shape) is not None:
+            apart_m = smallest_distance(form.slots) * plan.unit_m
+            if apart_m / 2 < form.tolerance_m:
                 what = (
-                    f"{step.tolerance_m:g} m is more than half of what {step.shape}'s slots are"
+                    f"{form.tolerance_m:g} m is more than half of what {form.shape}'s slots are"
                     f" apart ({said(apart_m, mission)}): it counts as formed when it is not"
                 )
-                yield Finding(("steps", k, "form", "tolerance_m"), what, "")
+                yield Finding(("steps", k, step.kind, "tolerance_m"), what, "")
 
 
 def _limits_at_once(_mission: MissionFile, plan: Plan) -> Findings:
@@ -210,13 +181,9 @@ def _limits_at_once(_mission: MissionFile, plan: Plan) -> Findings:
         yield Finding(("policies", "battery_reserve_percent"), what, "")
 
 
-def _radians(mission: MissionFile, _plan: Plan) -> Findings:
+def _doubtful_steps(mission: MissionFile, _plan: Plan) -> Findings:
     for k, step in enumerate(mission.steps):
-        angle = step.rotate.angle_deg if step.rotate else 0.0
-        twelfths = abs(angle) / math.pi * 12
-        if 0.5 < twelfths < 24.5 and abs(twelfths - round(twelfths)) < _RADIANS:
-            what = f"{angle:g} degrees; if radians were meant: {math.degrees(angle):.0f}"
-            yield Finding(("steps", k, "rotate", "angle_deg"), what, "")
+        yield from KINDS[step.kind].doubtful(step.body, ("steps", k, step.kind))
 
 
 def _small_r_in(_mission: MissionFile, plan: Plan) -> Findings:
@@ -340,7 +307,7 @@ def _unknown_wind(mission: MissionFile, _plan: Plan) -> Findings:
 
 
 def _unused_shapes(mission: MissionFile, _plan: Plan) -> Findings:
-    used = {step.form.shape for step in mission.steps if step.form}
+    used = {step.body.shape_formed for step in mission.steps if step.body}
     for name in mission.shapes:
         if name not in used:
             yield Finding(("shapes", name), "no step forms it", "")
@@ -366,5 +333,5 @@ _WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (
     _low,
     _loose_tolerance,
     _limits_at_once,
-    _radians,
+    _doubtful_steps,
 )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from swarm_ctl.core.law import graph
@@ -11,28 +9,9 @@ from swarm_ctl.core.law.laws import pinned
 from swarm_ctl.core.model import plan
 from swarm_ctl.core.model.plan import Compensation, Plan, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
-from swarm_ctl.core.model.steps.form import FormStep
-from swarm_ctl.core.model.steps.hold import HoldStep
-from swarm_ctl.core.model.steps.land import LandStep
-from swarm_ctl.core.model.steps.move import MoveStep
-from swarm_ctl.core.model.steps.return_ import ReturnStep
-from swarm_ctl.core.model.steps.rotate import RotateStep
-from swarm_ctl.core.model.steps.scale import ScaleStep
 from swarm_ctl.core.model.steps.table import AnyStep
-from swarm_ctl.core.model.steps.takeoff import TakeoffStep
-from swarm_ctl.mission.geometry import slot_assignment
-from swarm_ctl.mission.geometry.shapes import slots_of
-from swarm_ctl.mission.sections.mission_file import MissionFile
-from swarm_ctl.mission.sections.step_sections import (
-    FormSection,
-    HoldSection,
-    MoveSection,
-    ReturnSection,
-    RotateSection,
-    ScaleSection,
-    StepEntry,
-    TakeoffSection,
-)
+from swarm_ctl.mission.mission_file import MissionFile
+from swarm_ctl.mission.steps.table import KINDS
 
 _FENCE_MARGIN_M = 100.0
 """Around everything planned, where a mission draws no fence of its own."""
@@ -41,9 +20,6 @@ _RATE = 4.0
 filter it brings pairs under r_in, without the release it blocks more of them (`swarm-ctl study
 studies/ablation.yaml`)."""
 _UNSAFE_RATE = 1.0
-_SPOOL_UP_S, _DISARM_S = 30.0, 60.0
-_TOUCHDOWN_MPS = 0.5
-"""Autopilots touch down at this speed or less, whatever the descent before."""
 
 
 def plan_of(mission: MissionFile) -> Plan:
@@ -56,7 +32,7 @@ def plan_of(mission: MissionFile) -> Plan:
         else graph.of_links(starts, links)
     )
     kappa, safety = mission.law.kappa or 1 / mission.tick_s, _safety(mission)
-    steps = _steps(mission, starts)
+    steps = _steps(mission, PlannedFormation.at_start(list(starts.values()), mission.unit_m))
     return Plan(
         name=mission.name,
         origin=plan.Geodetic(**mission.origin.model_dump()),
@@ -134,107 +110,10 @@ def _box(start: PlannedFormation, steps: tuple[AnyStep, ...]) -> tuple[Point, ..
     return ((low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]))
 
 
-# --- steps ---
-
-
-def _steps(mission: MissionFile, starts: dict[int, Point]) -> tuple[AnyStep, ...]:
+def _steps(mission: MissionFile, start: PlannedFormation) -> tuple[AnyStep, ...]:
     """Each step from where the one before leaves the formation."""
-    steps: list[AnyStep] = []
-    formation = PlannedFormation.at_start(list(starts.values()), mission.unit_m)
+    steps, formation = list[AnyStep](), start
     for written in mission.steps:
-        steps.append(_step(mission, written, list(starts), formation))
+        steps.append(KINDS[written.kind].planned(written.body, mission, formation))
         formation = steps[-1].after(formation)
     return tuple(steps)
-
-
-def _step(
-    mission: MissionFile, step: StepEntry, ids: list[int], before: PlannedFormation
-) -> AnyStep:
-    limits = mission.vehicle.limits
-    landing_s = _DISARM_S + 1.5 * before.height_m / min(limits.descent_mps, _TOUCHDOWN_MPS)
-    match step.body:
-        case TakeoffSection() as takeoff:
-            generous_s = _SPOOL_UP_S + 2 * takeoff.height_m / limits.climb_mps
-            return TakeoffStep(
-                takeoff.height_m, takeoff.timeout_s or generous_s, takeoff.on_timeout
-            )
-        case FormSection() as form:
-            return _form(mission, form, ids, before)
-        case HoldSection() as hold:
-            timeout_s = hold.timeout_s or hold.duration_s + 30
-            return HoldStep(hold.duration_s, timeout_s, hold.on_timeout)
-        case MoveSection() | RotateSection() | ScaleSection() as travel:
-            return _travel(mission, travel, before)
-        case ReturnSection() as back:
-            generous_s = landing_s * (len(ids) + 1) + 2 * _ways_s(mission, before)
-            return ReturnStep(back.timeout_s or generous_s, back.on_timeout)
-        case land:
-            return LandStep((land and land.timeout_s) or landing_s)
-
-
-def _ways_s(mission: MissionFile, before: PlannedFormation) -> float:
-    """What the ways to the starts take one after the other, at the speed of the return."""
-    agents = sorted(mission.agents, key=lambda agent: agent.id)
-    starts = [(n * mission.unit_m, e * mission.unit_m) for n, e in (a.start for a in agents)]
-    ways_m = sum(map(math.dist, before.places_m(), starts))
-    speed_mps = mission.policies.return_speed_mps or mission.vehicle.limits.speed_mps / 2
-    return ways_m / speed_mps
-
-
-def _form(
-    mission: MissionFile, form: FormSection, ids: list[int], before: PlannedFormation
-) -> FormStep:
-    slots = slots_of(mission.shapes[form.shape], len(ids))
-    if form.slots == "nearest":
-        slots = slot_assignment.nearest(before.offsets, slots)
-    links: dict[int, tuple[int, ...]] | None = None
-    if form.neighbours == "rechoose":
-        places = dict(zip(ids, before.offsets, strict=True))
-        links = graph.neighbours(places, mission.law.r)
-    elif form.neighbours != "keep":
-        links = graph.of_links(ids, form.neighbours)
-    exchange = form.exchange
-    if exchange is None:
-        flies_stop_points = mission.law.compensation is Compensation.STOP_POINT
-        exchange = form.slots == "nearest" and flies_stop_points
-    return FormStep(
-        shape=form.shape,
-        # Rounded (and -0 made 0) so that the plan's hash does not hang on a machine's last bits.
-        slots=tuple((float(north), float(east)) for north, east in np.round(slots, 9) + 0.0),
-        tolerance_m=form.tolerance_m,
-        settle_s=form.settle_s,
-        timeout_s=form.timeout_s,
-        neighbours=None if links is None else tuple(links[i] for i in ids),
-        on_timeout=form.on_timeout,
-        exchange=exchange,
-    )
-
-
-def _travel(
-    mission: MissionFile,
-    travel: MoveSection | RotateSection | ScaleSection,
-    before: PlannedFormation,
-) -> AnyStep:
-    speed_mps = travel.speed_mps or mission.vehicle.limits.speed_mps / 2
-
-    def planned(timeout_s: float) -> MoveStep | RotateStep | ScaleStep:
-        rest = (speed_mps, travel.tolerance_m, travel.settle_s, timeout_s, travel.on_timeout)
-        match travel:
-            case MoveSection():
-                return MoveStep(_waypoints_m(travel, before), *rest)
-            case RotateSection():
-                return RotateStep(before.angle_rad + math.radians(travel.angle_deg), *rest)
-            case ScaleSection():
-                return ScaleStep(before.scale * travel.factor, *rest)
-
-    way_m = sum(planned(0.0).legs_m(before))
-    return planned(travel.timeout_s or 30 + travel.settle_s + 2 * way_m / speed_mps)
-
-
-def _waypoints_m(move: MoveSection, before: PlannedFormation) -> tuple[Point, ...]:
-    unit = before.unit_m
-    if move.by is not None:
-        north, east = before.centre_m
-        return ((north + move.by[0] * unit, east + move.by[1] * unit),)
-    way = move.along or ((move.to,) if move.to else ())
-    return tuple((north * unit, east * unit) for north, east in way)

@@ -1,7 +1,7 @@
 """From a mission file to a plan and a fleet, or to every mistake in it at once.
 
 The way of a file: document (`input/yaml_file.py`), fleet file and CSV slots put in, sections
-(`sections/`), checks, lengths in units (`input/units.py`), plan, checks of the plan,
+(`sections/`, `steps/`), checks, lengths in units (`input/units.py`), plan, checks of the plan,
 warnings.
 """
 
@@ -28,8 +28,7 @@ from swarm_ctl.mission.fleet.vehicle_kinds import with_vehicles
 from swarm_ctl.mission.input import csv_slots, error_messages, yaml_file
 from swarm_ctl.mission.input.document import Document
 from swarm_ctl.mission.input.near_matches import nearest
-from swarm_ctl.mission.input.units import in_units
-from swarm_ctl.mission.sections.mission_file import MissionFile
+from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.sections.section import Section
 from swarm_ctl.mission.sections.shape_sections import Shape
 
@@ -82,9 +81,9 @@ def _build(
     known = csv_slots.graft(source, path.parent)
     written, broken = _sections(source, set() if known else {"shapes"})
     findings = check(written, frozenset(broken))
-    plan = None if broken or findings else plan_of(in_units(written))
+    plan = None if broken or findings else plan_of(written.in_units())
     if plan is not None and (slower := envelope.with_usual_speed(written, plan)) is not written:
-        written, plan = slower, plan_of(in_units(slower))
+        written, plan = slower, plan_of(slower.in_units())
     findings += [*check_plan(plan, written), *envelope.refused(plan)] if plan else []
     problems = source.problems + [source.problem(*finding) for finding in findings]
     if problems or plan is None:
@@ -97,7 +96,7 @@ def _build(
         source=path,
         file=written,
         document=source,
-        shapes=in_units(written).shapes,
+        shapes=written.in_units().shapes,
         warnings=tuple(f"{each.where}: {each.field}: {each.what}" for each in noted),
     )
 

@@ -7,8 +7,8 @@ from itertools import cycle
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.text import agents_named, ids_of
 from swarm_ctl.errors import InputError
+from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.sections.fleet_section import FleetEntry, FleetSection
-from swarm_ctl.mission.sections.mission_file import MissionFile
 
 ALLOWED = (
     f"{', '.join(VehicleKind)}; several of them, in turn, as arducopter,px4;"

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final, TypeAlias
 
+from swarm_ctl.core.law import graph
 from swarm_ctl.mission.input.document import Finding, Place, dotted
 
 ROUNDING: Final = 1e-9
@@ -35,3 +36,17 @@ def too_short(place: Place, timeout_s: float | None, needed_s: float) -> Finding
 def named_parts(parts: Iterable[Iterable[int]]) -> str:
     """The parts of a graph: `{1, 3} and {2}`."""
     return " and ".join(f"{{{listed(part)}}}" for part in parts)
+
+
+def bad_links(place: Place, links: object, ids: Sequence[int]) -> Findings:
+    """What is wrong with a list of links, [id, id]; of another value nothing."""
+    if not isinstance(links, tuple):
+        return
+    for k, (i, j) in enumerate(links):
+        if i not in ids or j not in ids or i == j:
+            allowed = f"two different ids of {listed(ids)}"
+            yield Finding((*place, k), f"[{i}, {j}] is no link", allowed)
+    parts = graph.components(graph.of_links(ids, links))
+    if len(parts) > 1:
+        what = f"the graph is not connected: it falls into {named_parts(parts)}"
+        yield Finding(place, what, "links between them")

@@ -8,12 +8,10 @@ So a mission in metres that names no `unit_m` gets `r_out` / 1.5.
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
-from swarm_ctl.mission.sections.mission_file import MissionFile
 from swarm_ctl.mission.sections.section import Section
 
-R_OUT_UNITS: Final = 1.5
 _LENGTHS: Final = frozenset(
     {"r", "r_out", "r_in", "start", "side", "radius", "inner_radius", "spacing", "height"}
     | {"offsets", "to", "along", "by", "polygon"}
@@ -21,22 +19,21 @@ _LENGTHS: Final = frozenset(
 """Fields of the schema that are lengths in the file's unit; those in metres end in `_m`."""
 
 
-def in_units(mission: MissionFile) -> MissionFile:
-    """The mission with every length in units of its `unit_m`."""
-    if mission.lengths == "units":
-        return mission
-    given = "unit_m" in mission.model_fields_set
-    unit_m = mission.unit_m if given else mission.law.r_out / R_OUT_UNITS
-    converted: MissionFile = _converted(mission, unit_m)
-    return converted.model_copy(update={"unit_m": unit_m, "lengths": "units"})
+class Lengths(Protocol):
+    """A mission file, as far as its lengths go."""
+
+    @property
+    def lengths(self) -> str: ...
+    @property
+    def unit_m(self) -> float: ...
 
 
-def metres(mission: MissionFile) -> float:
+def metres(mission: Lengths) -> float:
     """Metres in one of the file's lengths."""
     return 1.0 if mission.lengths == "metres" else mission.unit_m
 
 
-def said(length_m: float, mission: MissionFile, *, least: bool = False) -> str:
+def said(length_m: float, mission: Lengths, *, least: bool = False) -> str:
     """A length as the file would say it: `7 m`, or `1.4 units (7 m)`; `least`: rounded up, so that
     what is said to be enough is."""
     length = length_m / metres(mission)
@@ -58,16 +55,17 @@ def _short(value: float) -> str:
     return f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"
 
 
-def _converted(value: Any, unit_m: float, is_length: bool = False) -> Any:
+def in_units(value: Any, unit_m: float, is_length: bool = False) -> Any:
+    """A section, its lengths in units of so many of the file's own."""
     if isinstance(value, Section):
         fields = {
-            name: _converted(inner, unit_m, name in _LENGTHS)
+            name: in_units(inner, unit_m, name in _LENGTHS)
             for name, inner in value
             if name in value.model_fields_set
         }
         return value.model_copy(update=fields)
     if isinstance(value, tuple):
-        return tuple(_converted(inner, unit_m, is_length) for inner in value)
+        return tuple(in_units(inner, unit_m, is_length) for inner in value)
     if isinstance(value, dict):
-        return {name: _converted(inner, unit_m) for name, inner in value.items()}
+        return {name: in_units(inner, unit_m) for name, inner in value.items()}
     return value / unit_m if is_length and isinstance(value, int | float) else value

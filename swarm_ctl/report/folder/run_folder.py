@@ -12,9 +12,6 @@ import numpy.typing as npt
 
 from swarm_ctl.core.model.messages import AgentStatus, StepOutcome
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.core.model.steps.form import FormStep
-from swarm_ctl.core.model.steps.land import LandStep
-from swarm_ctl.core.model.steps.return_ import ReturnStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.swarm.in_plan import InPlan
 from swarm_ctl.errors import InputError
@@ -57,7 +54,7 @@ class RunFolder:
     def form_steps(self) -> list[int]:
         """The numbers of the plan's form steps, from 1."""
         steps = enumerate(self.plan.steps if self.plan else (), 1)
-        return [k for k, step in steps if isinstance(step, FormStep)]
+        return [k for k, step in steps if step.new_shape is not None]
 
     def slot_indices(self, time_s: Floats) -> npt.NDArray[np.intp]:
         """The slot index of each agent at each moment, (T, n); exchanges change it."""
@@ -81,11 +78,7 @@ class RunFolder:
         """When the landing began, by plan or because an agent of the formation broke its step off;
         inf: unknown."""
         steps = self.plan.steps if self.plan else ()
-        planned = (
-            self.start_s(k)
-            for k, step in enumerate(steps, 1)
-            if isinstance(step, LandStep | ReturnStep)
-        )
+        planned = (self.start_s(k) for k, step in enumerate(steps, 1) if step.goes_down)
         broken = (
             result.end_s
             for status in self.statuses

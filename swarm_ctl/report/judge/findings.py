@@ -14,9 +14,6 @@ import numpy as np
 from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.core.model.plan import Plan, Point
-from swarm_ctl.core.model.steps.land import LandStep
-from swarm_ctl.core.model.steps.return_ import ReturnStep
-from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.vehicle import FALLS_MPS, MISPLACED_M
 from swarm_ctl.report.folder.flight import Flight, Source
@@ -219,11 +216,11 @@ def _landing(run: RunFolder, plan: Plan, k: int, events: list[TruthEvent]) -> It
     last = run.last.get(agent)
     if last is None or flight is None or last.status.outcome is not Outcome.COMPLETED:
         return
-    numbers = [j for j, s in enumerate(plan.steps, 1) if isinstance(s, LandStep | ReturnStep)]
+    numbers = [j for j, s in enumerate(plan.steps, 1) if s.goes_down]
     begun_s = run.start_s(numbers[0]) if numbers else math.inf
     if not math.isfinite(begun_s):
         return
-    up = [j + 1 for j, s in enumerate(plan.steps, 1) if isinstance(s, TakeoffStep)]
+    up = [j + 1 for j, s in enumerate(plan.steps, 1) if s.climbs_to_m is not None]
     early = [
         event.time_s
         for event in events
@@ -239,7 +236,7 @@ def _landing(run: RunFolder, plan: Plan, k: int, events: list[TruthEvent]) -> It
         return
     sunk_m = flight.position_ned_m[after, k, 2]
     stands = after[: max(1, int(np.argmax(sunk_m > sunk_m[0] + _SINKS_M)))]
-    home = isinstance(plan.steps[numbers[0] - 1], ReturnStep)
+    home = plan.steps[numbers[0] - 1].goes_home
     north, east = plan.agent(agent).start
     place: Point = (north * plan.unit_m, east * plan.unit_m)
     if not home:

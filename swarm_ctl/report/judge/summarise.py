@@ -17,7 +17,6 @@ from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.fleet import Signing
 from swarm_ctl.core.model.messages import AgentStatus, Event, Outcome, StepResult, TickReport
 from swarm_ctl.core.model.plan import Plan, Point
-from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.report.folder import metrics
 from swarm_ctl.report.folder.flight import Source
 from swarm_ctl.report.folder.last_statuses import read_events, read_troubles
@@ -236,9 +235,9 @@ def _verdict(found: StepResult | None) -> StepVerdict:
 
 
 def _time_to_form(run: RunFolder, plan: Plan, k: int, start_s: float | None) -> float | None:
-    step = plan.steps[k - 1] if k else None
+    step = plan.steps[k - 1].new_shape if k else None
     flight = run.flight
-    if not isinstance(step, FormStep) or start_s is None or flight is None:
+    if step is None or start_s is None or flight is None:
         return None
     later = [j for j in run.form_steps if j > k]
     end_s = min([run.landing_s(), *(run.start_s(j) for j in later[:1])])

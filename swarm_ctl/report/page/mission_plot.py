@@ -10,10 +10,6 @@ from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
-from swarm_ctl.core.model.steps.form import FormStep
-from swarm_ctl.core.model.steps.move import MoveStep
-from swarm_ctl.core.model.steps.rotate import RotateStep
-from swarm_ctl.core.model.steps.scale import ScaleStep
 from swarm_ctl.errors import InputError
 
 
@@ -59,9 +55,9 @@ def _draw_steps(plan: Plan, axes: Any) -> None:
     formations = plan.formations()
     for k, (step, before) in enumerate(zip(plan.steps, formations, strict=False), start=1):
         label, after = f"{k} {step_name(plan, k)}", formations[k]
-        if isinstance(step, MoveStep):
-            axes.plot(*_east_north([before.centre_m, *step.waypoints_m]), lw=1.5, label=label)
-        elif isinstance(step, FormStep | RotateStep | ScaleStep):
+        if step.way_m:
+            axes.plot(*_east_north([before.centre_m, *step.way_m]), lw=1.5, label=label)
+        elif step.new_shape is not None or step.spins:
             axes.scatter(*_east_north(after.places_m()), marker="x", label=label, zorder=2)
 
 

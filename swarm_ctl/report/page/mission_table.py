@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Final
@@ -13,19 +12,11 @@ from rich.table import Table
 from rich.text import Text
 
 from swarm_ctl.core.agent.progress import step_name
-from swarm_ctl.core.agent.return_to_launch import return_height_m
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import closest_pair
 from swarm_ctl.core.law.stop_point import stop_distance
 from swarm_ctl.core.model.fleet import Fleet, Signing, VehicleKind
 from swarm_ctl.core.model.plan import AgentPlan, Plan, Point
-from swarm_ctl.core.model.steps.form import FormStep
-from swarm_ctl.core.model.steps.move import MoveStep
-from swarm_ctl.core.model.steps.return_ import ReturnStep
-from swarm_ctl.core.model.steps.rotate import RotateStep
-from swarm_ctl.core.model.steps.scale import ScaleStep
-from swarm_ctl.core.model.steps.step import Step
-from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.core.model.text import agents_named, ranges
 from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S
 from swarm_ctl.core.safety.constraints import Margins
@@ -34,6 +25,7 @@ from swarm_ctl.core.swarm.radio import radio_words
 from swarm_ctl.mission.compile.forecast import StepForecast
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.mission.sections.simulation_section import SimulationSection
+from swarm_ctl.mission.steps.table import kind_of
 
 _AGENTS: Final = 12
 """Of more agents, a table that is not `full` shows so many."""
@@ -79,7 +71,7 @@ def _table(*headings: str) -> Table:
 
 def _agents(loaded: LoadedMission, shown: int) -> Table:
     plan = loaded.plan
-    forms = [step for step in plan.steps if isinstance(step, FormStep)]
+    forms = [form for step in plan.steps if (form := step.new_shape) is not None]
     headings = (f"{form.shape} N, E m" for form in forms)
     table = _table("agent", "start N, E m", "neighbours", *headings, "vehicle")
     rows = zip(plan.agents, loaded.fleet.agents, strict=True)
@@ -110,7 +102,7 @@ def _steps(plan: Plan, forecasts: Sequence[StepForecast]) -> Table:
     table = _table("step", "what", "expected", "time-out", "then")
     for number, (step, expected) in enumerate(zip(plan.steps, forecasts, strict=True), start=1):
         timeout = f"{step.timeout_s:.0f} s"
-        what = _what(plan, step)
+        what = kind_of(step).words(step, plan)
         table.add_row(str(number), what, _expected(expected), timeout, step.on_timeout.value)
     table.add_row("", "whole flight", f"{_total_s(plan, forecasts):.0f} s", "", "")
     return table
@@ -121,29 +113,6 @@ def _total_s(plan: Plan, forecasts: Sequence[StepForecast]) -> float:
         expected.expected_s or step.timeout_s
         for step, expected in zip(plan.steps, forecasts, strict=True)
     )
-
-
-def _what(plan: Plan, step: Step) -> str:
-    match step:
-        case TakeoffStep():
-            return f"takeoff to {step.height_m:g} m"
-        case FormStep():
-            return f"form {step.shape}, {step.tolerance_m:g} m"
-        case MoveStep():
-            return f"move to {_corners(step.waypoints_m, ', ')} m at {step.speed_mps:g} m/s"
-        case RotateStep():
-            return f"rotate to {math.degrees(step.angle_rad):g} degrees at {step.speed_mps:g} m/s"
-        case ScaleStep():
-            return f"scale to {step.factor:g} at {step.speed_mps:g} m/s"
-        case ReturnStep():
-            first, last = (return_height_m(plan, plan.agents[k].id) for k in (0, -1))
-            return f"return at {first:g} to {last:g} m"
-        case _:
-            return step.kind
-
-
-def _corners(points: Sequence[Point], between: str) -> str:
-    return between.join(f"({north:g}, {east:g})" for north, east in points)
 
 
 def _expected(expected: StepForecast) -> str:
@@ -171,7 +140,7 @@ def _facts(plan: Plan, full: bool, *, routed: bool) -> Iterator[str]:
     yield f"law      {own}kappa {plan.kappa:g}, h {law.h:g}, {compensation}, tick {plan.tick_s:g} s"
     yield f"safety   {_safety(plan)}"
     if plan.fence is not None:
-        inside = _corners(plan.fence.polygon_m, " ")
+        inside = " ".join(f"({north:g}, {east:g})" for north, east in plan.fence.polygon_m)
         yield f"fence    up to {plan.fence.height_m:g} m, inside {inside} m: {policies.fence.value}"
     yield (
         f"limits   battery under {policies.battery_reserve_percent:g} %:"
@@ -245,7 +214,8 @@ def _graph(plan: Plan, full: bool) -> Iterator[str]:
 
 def _closest(plan: Plan) -> Iterator[str]:
     places = [("starts", tuple(agent.start for agent in plan.agents))]
-    places += [(step.shape, step.slots) for step in plan.steps if isinstance(step, FormStep)]
+    forms = (step.new_shape for step in plan.steps)
+    places += [(form.shape, form.slots) for form in forms if form is not None]
     for name, points in places:
         if found := closest_pair(points):
             apart, (i, j) = found

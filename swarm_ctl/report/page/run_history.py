@@ -13,7 +13,6 @@ from swarm_ctl.core.law.formation import distances
 from swarm_ctl.core.law.graph import edges
 from swarm_ctl.core.model.messages import AgentState, AgentStatus, Payload, SigmaReport
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import RECORDING, read, recover
 from swarm_ctl.recording.mcap_reader import is_whole
@@ -73,9 +72,9 @@ class RunHistory:
         flight = self.flight
         found = np.full(flight.points_m.shape, np.nan)
         for k, step in enumerate(self.plan.steps, start=1):
-            if isinstance(step, FormStep):
+            if (form := step.new_shape) is not None:
                 since = flight.time_s >= self.run.start_s(k)
-                slots = self._turned(np.array(step.slots) * self.plan.unit_m, flight.time_s[since])
+                slots = self._turned(np.array(form.slots) * self.plan.unit_m, flight.time_s[since])
                 indices = self.run.slot_indices(flight.time_s[since])[..., None]
                 found[since] = flight.points_m[since] - np.take_along_axis(slots, indices, axis=1)
         found[~flight.live] = np.nan

@@ -10,8 +10,6 @@ from swarm_ctl.commands.answers import others
 from swarm_ctl.commands.parse import BY_NAME, Order
 from swarm_ctl.core.model.messages import CommandKind
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.core.model.steps.land import LandStep
-from swarm_ctl.core.model.steps.return_ import ReturnStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.station.dashboard.drawing.styled_line import StyledLine
 
@@ -39,14 +37,9 @@ def consequence(order: Order, plan: Plan, step: int, left: Collection[int] = ())
     agents, and what the others do, but for those that have `left`; '' for any other order."""
     agents = order.agents or tuple(agent.id for agent in plan.agents)
     does = BY_NAME[order.kind].asks[len(agents) > 1]
-    if order.kind == CommandKind.NEXT and isinstance(
-        after := _after(plan, step), LandStep | ReturnStep
-    ):
+    after = plan.steps[step] if step < len(plan.steps) else None
+    if order.kind == CommandKind.NEXT and after is not None and after.goes_down:
         does = f"step {step} ends, and step {step + 1} is '{after.kind}'"
     rest = others(order.kind, order.agents, plan, left)
     more = f"; {rest}" if rest else ""
     return f"{order.kind} {agents_named(agents)}: {does}{more}" if does else ""
-
-
-def _after(plan: Plan, step: int) -> object:
-    return plan.steps[step] if step < len(plan.steps) else None

@@ -24,7 +24,6 @@ from swarm_ctl.core.model.messages import (
     RefusalReason,
     Severity,
 )
-from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.text import agents_named, printable
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S, OWN_LOST_S
 from swarm_ctl.core.swarm.gain_update import differences
@@ -261,8 +260,8 @@ def _overspeed(view: SwarmView, _: float) -> Found:
 
 
 def _long_link(view: SwarmView, r_m: float) -> Found:
-    step = view.plan.steps[view.step - 1] if view.step else None
-    if isinstance(step, FormStep) and step.neighbours is not None:
+    form = view.plan.steps[view.step - 1].new_shape if view.step else None
+    if form is not None and form.neighbours is not None:
         return  # those that it chose come together only now
     for edge in view.edges:
         if edge.length_m is not None and edge.length_m > r_m:

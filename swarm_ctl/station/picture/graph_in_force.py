@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from swarm_ctl.core.law.graph import edges
 from swarm_ctl.core.model.messages import AgentState
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.core.model.steps.form import FormStep
 
 
 def edges_in_force(
@@ -16,8 +15,8 @@ def edges_in_force(
     """The pairs of neighbours in this step, lower id first: the starts' graph, or the newest that
     a form step chose. That one is by slot, so it follows exchanged slots."""
     ids = [agent.id for agent in plan.agents]
-    begun = plan.steps[:step]
-    chosen = [s.neighbours for s in begun if isinstance(s, FormStep) and s.neighbours is not None]
+    forms = [form for s in plan.steps[:step] if (form := s.new_shape) is not None]
+    chosen = [form.neighbours for form in forms if form.neighbours is not None]
     if not chosen:
         return edges({agent.id: agent.neighbours for agent in plan.agents})
     holders = {}

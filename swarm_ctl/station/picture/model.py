@@ -28,7 +28,6 @@ from swarm_ctl.core.model.messages import (
     StationBeacon,
 )
 from swarm_ctl.core.model.plan import Plan, Point
-from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
 from swarm_ctl.core.swarm.in_plan import InPlan
 from swarm_ctl.core.swarm.plausibility import SUSPECT_S
@@ -342,15 +341,16 @@ class Model:
         """The newest slots, centred: an operator's since the mission's step began, or the
         mission's; None: none yet."""
         forms = [
-            (k, s.slots)
+            (k, form.slots)
             for k, s in enumerate(self._plan.steps[:step], start=1)
-            if isinstance(s, FormStep)
+            if (form := s.new_shape) is not None
         ]
         for answered in self._commands.values():
-            commanded = answered.command.step
+            order = answered.command.step
+            commanded = order.new_shape if order is not None else None
             resumed = bool(forms) and forms[-1][0] == step and not self._overridden()
             if (
-                isinstance(commanded, FormStep)
+                commanded is not None
                 and len(commanded.slots) == len(self._plan.agents)  # else all agents refuse it
                 and answered.at_step >= (forms[-1][0] if forms else 0)
                 and not resumed

@@ -9,8 +9,6 @@ from typing import Final
 
 from swarm_ctl.commands.answers import others
 from swarm_ctl.core.model.messages import Command, Event, Phase, Severity
-from swarm_ctl.core.model.steps.form import FormStep
-from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.text import agents_counted, agents_named, printable, ranges
 from swarm_ctl.core.swarm.gain_update import named
 from swarm_ctl.station.picture.alarms import Alarm, Level
@@ -113,10 +111,11 @@ def reasons(view: SwarmView) -> dict[str, list[int]]:
 def command_words(command: Command) -> str:
     """What was commanded, as far as it fits into a line."""
     words = printable(command.kind)
-    if isinstance(command.step, FormStep):
-        return f"{words} {printable(command.step.shape)}"
-    if isinstance(command.step, MoveStep):
-        return f"{words} to {', '.join(f'{x:.4g}' for x in command.step.waypoints_m[-1])} m"
+    step = command.step
+    if step is not None and step.new_shape is not None:
+        return f"{words} {printable(step.new_shape.shape)}"
+    if step is not None and step.way_m:
+        return f"{words} to {', '.join(f'{x:.4g}' for x in step.way_m[-1])} m"
     if command.tuning is None:
         return words
     law = named(command.tuning.gains)

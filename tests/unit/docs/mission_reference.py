@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterator
 from typing import Any, Final
 
-from swarm_ctl.mission.sections.mission_file import json_schema
+from swarm_ctl.mission.mission_file import json_schema
 
 COMMAND: Final = "python -m tests.unit.docs.mission_reference > docs/pages/reference.md"
 HEAD: Final = f"""# Mission reference

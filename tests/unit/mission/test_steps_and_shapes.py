@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -17,9 +18,11 @@ from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.steps.rotate import RotateStep
 from swarm_ctl.core.model.steps.scale import ScaleStep
+from swarm_ctl.core.model.steps.table import AnyStep
 from swarm_ctl.errors import MissionError
 from swarm_ctl.mission.compile.loader import dumps, load, loads
 from swarm_ctl.mission.geometry import letters
+from swarm_ctl.mission.steps.table import KINDS
 from tests.unit.mission.example import TEXT, edited, in_metres, problems
 
 FORM = "  - form: {shape: ring}\n"
@@ -185,3 +188,9 @@ def test_bridging_keeps_a_connected_graph_connected(lost: list[int]) -> None:
     left = graph.bridged(path, lost)
     assert set(left) == set(path) - set(lost)
     assert len(graph.components(left)) <= 1
+
+
+def test_a_kind_of_step_has_a_half_in_the_core_and_one_in_missions() -> None:
+    """Under the same name in both tables."""
+    flown = {step.__dataclass_fields__["kind"].default for step in get_args(AnyStep)}
+    assert flown == KINDS.keys()

@@ -54,3 +54,7 @@ class FormStep(Step):
     def after(self, formation: PlannedFormation) -> PlannedFormation:
         """The shape, about the centre of the one before."""
         return replace(formation, slots=self.slots, angle_rad=0.0, scale=1.0, formed=True)
+
+    def poses(self, before: PlannedFormation) -> list[PlannedFormation]:
+        """Where the shape will stand: the way there is the law's."""
+        return [self.after(before)]

@@ -45,13 +45,13 @@ class MoveStep(Path):
         points = (before.centre_m, *self.waypoints_m)
         return [math.dist(a, b) for a, b in itertools.pairwise(points)]
 
-    def left_m(self, frame: Frame, radius_m: float) -> float:  # noqa: ARG002
+    def left_m(self, frame: Frame, radius_m: float) -> float:
         """To the next waypoint."""
         if frame.leg >= len(self.waypoints_m):
             return 0.0
         return math.dist(frame.point_m, self.waypoints_m[frame.leg])
 
-    def arrived(self, frame: Frame, radius_m: float) -> bool:  # noqa: ARG002
+    def arrived(self, frame: Frame, radius_m: float) -> bool:
         """Whether the last waypoint is passed."""
         return frame.leg >= len(self.waypoints_m)
 
@@ -62,7 +62,7 @@ class MoveStep(Path):
         point = (n + share * (to_n - n), e + share * (to_e - e))
         return replace(frame, point_m=point, leg=frame.leg + (share == 1.0))
 
-    def _velocity_mps(self, frame: Frame, slot: Point, radius_m: float) -> Point:  # noqa: ARG002
+    def _velocity_mps(self, frame: Frame, slot: Point, radius_m: float) -> Point:
         left, speed = self.left_m(frame, radius_m), frame.rate * self.speed_mps
         (n, e), (to_n, to_e) = frame.point_m, self.waypoints_m[frame.leg]
         return (to_n - n) / left * speed, (to_e - e) / left * speed

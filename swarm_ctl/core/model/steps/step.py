@@ -93,12 +93,11 @@ class Step(ABC):
         return formation
 
     def poses(self, before: PlannedFormation) -> list[PlannedFormation]:
-        """The formation at the corners of its way, or where it stands after the step."""
-        return [self.after(before)]
+        """The formation at the corners of its way; none: it stays."""
+        return []
 
     def ways_m(self, before: PlannedFormation) -> list[tuple[Point, ...]]:
-        """The way of each agent, as corners in the common frame; of a step that does not move the
-        formation, its place after it."""
+        """The way of each agent, as corners in the common frame; empty: all stay."""
         return list(zip(*(pose.places_m() for pose in self.poses(before)), strict=True))
 
     def along(self, start: Frame, frame: Frame, radius_m: float) -> tuple[float, float]:

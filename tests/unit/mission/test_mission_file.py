@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from swarm_ctl.mission.sections.mission_file import MissionFile, json_schema
+from swarm_ctl.mission.mission_file import MissionFile, json_schema
 
 
 def nodes(value: Any) -> Iterator[dict[str, Any]]:

@@ -1,0 +1,129 @@
+"""`form`."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from swarm_ctl.core.law import graph
+from swarm_ctl.core.model.plan import Compensation, Plan
+from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.mission.geometry import slot_assignment
+from swarm_ctl.mission.geometry.shapes import slots_of
+from swarm_ctl.mission.input.document import Finding, Place
+from swarm_ctl.mission.input.findings import Findings, bad_links, named_parts
+from swarm_ctl.mission.input.near_matches import did_you_mean
+from swarm_ctl.mission.input.units import said
+from swarm_ctl.mission.sections.section import Links, Name, Timeout
+from swarm_ctl.mission.steps.autopilot_times import UpAndDown
+from swarm_ctl.mission.steps.step_kind import Checks, InPlan, Mission, StepKind, TimedSection
+
+
+class FormSection(TimedSection):
+    """Fly into a shape and wait until it stands."""
+
+    shape: Name
+    """A name from `shapes`."""
+    slots: Literal["nearest", "fixed"] = "nearest"
+    """nearest: slots are assigned with the least total squared distance; fixed: the agent with the
+    k-th lowest id takes the k-th slot."""
+    exchange: bool | None = None
+    """Two agents that block each other may exchange their slots. Default: true with nearest slots
+    and stop points, else false."""
+    tolerance_m: float = Field(default=0.5, ge=0.05, le=50)
+    """The largest deviation from the shape at which it counts as formed."""
+    settle_s: float = Field(default=5.0, ge=0, le=600)
+    """How long the deviation must stay below `tolerance_m`."""
+    timeout_s: Timeout = 120.0
+    neighbours: Literal["keep", "rechoose"] | Links = "keep"
+    """The neighbours of each agent from this step on. keep: as before; rechoose: the agents within
+    `r` in the shape before this step; or a list of links, [id, id]."""
+
+    @property
+    def shape_formed(self) -> str | None:
+        """Its shape."""
+        return self.shape
+
+
+def _known_shape(written: FormSection, place: Place, mission: Mission) -> Findings:
+    known = sorted(mission.shapes)
+    if written.shape not in mission.shapes:
+        hint = did_you_mean(written.shape, known)
+        allowed = f"one of {', '.join(known)}" if known else "a shape from the section shapes"
+        yield Finding((*place, "shape"), f"there is no shape {written.shape!r}{hint}", allowed)
+
+
+def _links(written: FormSection, place: Place, mission: Mission) -> Findings:
+    ids = sorted(agent.id for agent in mission.agents)
+    yield from bad_links((*place, "neighbours"), written.neighbours, ids)
+
+
+class Form(StepKind[FormSection, FormStep]):
+    """Into a shape, by the law alone."""
+
+    section = FormSection
+    checks: ClassVar[Checks] = (("shapes", _known_shape), ("agents", _links))
+
+    def planned(self, written: FormSection, mission: Mission, before: PlannedFormation) -> FormStep:
+        """Slots dealt, neighbours chosen."""
+        ids = sorted(agent.id for agent in mission.agents)
+        slots = slots_of(mission.shapes[written.shape], len(ids))
+        if written.slots == "nearest":
+            slots = slot_assignment.nearest(before.offsets, slots)
+        links: dict[int, tuple[int, ...]] | None = None
+        if written.neighbours == "rechoose":
+            places = dict(zip(ids, before.offsets, strict=True))
+            links = graph.neighbours(places, mission.law.r)
+        elif written.neighbours != "keep":
+            links = graph.of_links(ids, written.neighbours)
+        exchange = written.exchange
+        if exchange is None:
+            flies_stop_points = mission.law.compensation is Compensation.STOP_POINT
+            exchange = written.slots == "nearest" and flies_stop_points
+        return FormStep(
+            shape=written.shape,
+            # Rounded (and -0 made 0) so that the plan's hash does not hang on a machine's last
+            # bits.
+            slots=tuple((float(north), float(east)) for north, east in np.round(slots, 9) + 0.0),
+            tolerance_m=written.tolerance_m,
+            settle_s=written.settle_s,
+            timeout_s=written.timeout_s,
+            neighbours=None if links is None else tuple(links[i] for i in ids),
+            on_timeout=written.on_timeout,
+            exchange=exchange,
+        )
+
+    def words(self, step: FormStep, plan: Plan) -> str:
+        """`form hexagon, 0.5 m`."""
+        return f"{step.title}, {step.tolerance_m:g} m"
+
+    def needed_s(self, written: FormSection, mission: Mission) -> float:
+        """Settling."""
+        return written.settle_s
+
+    def least_s(self, step: FormStep, plan: Plan, before: PlannedFormation) -> float:
+        """Settling."""
+        return step.settle_s
+
+    def expected_s(
+        self, step: FormStep, plan: Plan, before: PlannedFormation, autopilot: UpAndDown
+    ) -> float:
+        """Not known without a rehearsal (`compile/forecast.py`): settling."""
+        return step.settle_s
+
+    def wrong(self, step: FormStep, at: InPlan) -> Findings:
+        """Neighbours that are chosen anew are connected."""
+        plan, mission, ids = at.plan, at.mission, [agent.id for agent in at.plan.agents]
+        chosen = dict(zip(ids, step.neighbours, strict=True)) if step.neighbours else {}
+        parts = graph.components(chosen)
+        if len(parts) > 1:
+            needed, i, j = graph.connecting_range(dict(zip(ids, at.before.offsets, strict=True)))
+            r = said(plan.law.r * plan.unit_m, mission)
+            falls = f"with law.r = {r} it falls into {named_parts(parts)}"
+            wide = said(needed * plan.unit_m, mission, least=True)
+            allowed = f"law.r of {wide} or more (agents {i} and {j}), or neighbours: keep"
+            what = f"the shape before is not connected: {falls}"
+            yield Finding((*at.place, "neighbours"), what, allowed)

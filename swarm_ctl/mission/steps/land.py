@@ -1,0 +1,66 @@
+"""`land`."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Final
+
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.steps.land import LandStep
+from swarm_ctl.mission.sections.section import Timeout
+from swarm_ctl.mission.steps.autopilot_times import UpAndDown
+from swarm_ctl.mission.steps.step_kind import Mission, StepKind, StepSection
+
+_DISARM_S: Final = 60.0
+_TOUCHDOWN_MPS: Final = 0.5
+"""Autopilots touch down at this speed or less, whatever the descent before."""
+_DOWN_MPS: Final = 1.5
+"""No firmware as delivered comes down faster (WPNAV_SPEED_DN, MPC_Z_V_AUTO_DN)."""
+
+
+class LandSection(StepSection):
+    """Stop, land in place and disarm."""
+
+    timeout_s: Timeout | None = None
+    """Default: long enough for the height."""
+
+
+class Land(StepKind[LandSection, LandStep]):
+    """Down, where each vehicle is."""
+
+    section = LandSection
+    ends: ClassVar[bool] = True
+
+    def planned(self, written: LandSection, mission: Mission, before: PlannedFormation) -> LandStep:
+        """From the height of the take-off."""
+        return LandStep(written.timeout_s or generous_s(mission, before))
+
+    def words(self, step: LandStep, plan: Plan) -> str:
+        """`land`."""
+        return step.kind
+
+    def needed_s(self, written: LandSection, mission: Mission) -> float:
+        """The way down."""
+        return fastest_s(mission)
+
+    def least_s(self, step: LandStep, plan: Plan, before: PlannedFormation) -> float:
+        """A battery that is low lands by itself."""
+        return 0.0
+
+    def expected_s(
+        self, step: LandStep, plan: Plan, before: PlannedFormation, autopilot: UpAndDown
+    ) -> float:
+        """The autopilot's own landing."""
+        return autopilot.landing_s(before.height_m)
+
+
+def generous_s(mission: Mission, before: PlannedFormation) -> float:
+    """More than any landing takes."""
+    slowest_mps = min(mission.vehicle.limits.descent_mps, _TOUCHDOWN_MPS)
+    return _DISARM_S + 1.5 * before.height_m / slowest_mps
+
+
+def fastest_s(mission: Mission) -> float:
+    """Less than any landing takes."""
+    first = mission.steps[0].body
+    return ((first and first.climbs_to_m) or 0.0) / _DOWN_MPS

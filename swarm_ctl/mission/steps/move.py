@@ -1,0 +1,71 @@
+"""`move`."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, ClassVar, Final
+
+from pydantic import Field
+
+from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.steps.move import MoveStep
+from swarm_ctl.mission.input.document import Finding, Place
+from swarm_ctl.mission.input.findings import Findings
+from swarm_ctl.mission.sections.section import NorthEast
+from swarm_ctl.mission.steps.step_kind import Checks, InPlan, Mission
+from swarm_ctl.mission.steps.travel import Pace, Travel, TravelSection, too_fast
+
+MAX_DISTANCE_M: Final = 5000.0
+"""From the origin: further out the common frame's flat horizon is metres off the earth's."""
+
+
+class MoveSection(TravelSection):
+    """Move the formation's centre along a path and keep the shape. Give `to`, `along` or `by`."""
+
+    to: NorthEast | None = None
+    """Where the centre goes: [north, east] of the origin."""
+    along: Annotated[tuple[NorthEast, ...], Field(min_length=1, max_length=200)] | None = None
+    """Waypoints of the centre, each as `to`."""
+    by: NorthEast | None = None
+    """How far the centre goes: [north, east] of where it is planned to be."""
+
+
+def _one_way(written: MoveSection, place: Place, _mission: Mission) -> Findings:
+    given = [name for name in ("to", "along", "by") if getattr(written, name) is not None]
+    if len(given) != 1:
+        what = f"has {' and '.join(given) or 'no way to go'}"
+        yield Finding(place, what, "one of to, along, by")
+
+
+class Move(Travel[MoveSection, MoveStep]):
+    """The formation along waypoints."""
+
+    section = MoveSection
+    checks: ClassVar[Checks] = (("vehicle", _one_way), ("vehicle", too_fast))
+
+    def led(self, written: MoveSection, before: PlannedFormation, pace: Pace) -> MoveStep:
+        """By its waypoints in metres."""
+        return MoveStep(_waypoints_m(written, before), *pace)
+
+    def words(self, step: MoveStep, plan: Plan) -> str:
+        """`move to (10, 0) m at 2 m/s`."""
+        corners = ", ".join(f"({north:g}, {east:g})" for north, east in step.waypoints_m)
+        return f"move to {corners} m at {step.speed_mps:g} m/s"
+
+    def wrong(self, step: MoveStep, at: InPlan) -> Findings:
+        """The common frame is flat."""
+        for centre in step.waypoints_m if at.plan.fence is not None else ():
+            if math.hypot(*centre) > MAX_DISTANCE_M:
+                what = f"goes {math.hypot(*centre):.0f} m from the origin"
+                yield Finding(at.place, what, f"at most {MAX_DISTANCE_M:g} m")
+        yield from super().wrong(step, at)
+
+
+def _waypoints_m(move: MoveSection, before: PlannedFormation) -> tuple[Point, ...]:
+    unit = before.unit_m
+    if move.by is not None:
+        north, east = before.centre_m
+        return ((north + move.by[0] * unit, east + move.by[1] * unit),)
+    way = move.along or ((move.to,) if move.to else ())
+    return tuple((north * unit, east * unit) for north, east in way)

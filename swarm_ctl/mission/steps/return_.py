@@ -1,0 +1,88 @@
+"""`return`."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, Final
+
+from swarm_ctl.core.agent.return_to_launch import return_height_m
+from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.steps.return_ import ReturnStep
+from swarm_ctl.core.safety.constraints import Margins
+from swarm_ctl.mission.sections.section import Timeout
+from swarm_ctl.mission.steps.autopilot_times import UpAndDown
+from swarm_ctl.mission.steps.land import fastest_s, generous_s
+from swarm_ctl.mission.steps.step_kind import Mission, StepKind, TimedSection
+
+_TURN_S: Final = 4.0
+"""Of the way back: settling at its height, braking, coming to rest over the start."""
+
+
+class ReturnSection(TimedSection):
+    """Return to the starts, all at once, in three layers of height; land there and disarm."""
+
+    timeout_s: Timeout | None = None
+    """Default: long enough for the number of agents, the height and the ways to the starts."""
+
+
+class Return(StepKind[ReturnSection, ReturnStep]):
+    """Home, all at once."""
+
+    section = ReturnSection
+    ends: ClassVar[bool] = True
+
+    def planned(
+        self, written: ReturnSection, mission: Mission, before: PlannedFormation
+    ) -> ReturnStep:
+        """Time enough for one after the other."""
+        agents = sorted(mission.agents, key=lambda agent: agent.id)
+        starts = [(n * mission.unit_m, e * mission.unit_m) for n, e in (a.start for a in agents)]
+        ways_m = sum(map(math.dist, before.places_m(), starts))
+        speed_mps = mission.policies.return_speed_mps or mission.vehicle.limits.speed_mps / 2
+        timeout_s = generous_s(mission, before) * (len(agents) + 1) + 2 * (ways_m / speed_mps)
+        return ReturnStep(written.timeout_s or timeout_s, written.on_timeout)
+
+    def words(self, step: ReturnStep, plan: Plan) -> str:
+        """`return at 10 to 16 m`."""
+        first, last = (return_height_m(plan, plan.agents[k].id) for k in (0, -1))
+        return f"return at {first:g} to {last:g} m"
+
+    def needed_s(self, written: ReturnSection, mission: Mission) -> float:
+        """The way down."""
+        return fastest_s(mission)
+
+    def least_s(self, step: ReturnStep, plan: Plan, before: PlannedFormation) -> float:
+        """One after the other."""
+        ways_m = sum(map(math.dist, before.places_m(), plan.formations()[0].places_m()))
+        return ways_m / plan.policies.return_speed_mps
+
+    def expected_s(
+        self, step: ReturnStep, plan: Plan, before: PlannedFormation, autopilot: UpAndDown
+    ) -> float:
+        """All fly at once; who starts within the filter's distance of another waits until that one
+        is down."""
+        speed, limits = plan.policies.return_speed_mps, plan.limits
+        apart_m = Margins.of(plan.law, plan.response, limits.speed_mps, plan.unit_m).keep_out
+        ways, heights = (
+            self.ways_m(step, plan, before),
+            [return_height_m(plan, agent.id) for agent in plan.agents],
+        )
+        home_s = [
+            max(0.0, up_m - before.height_m) / limits.climb_mps
+            + math.dist(way[0], way[-1]) / speed
+            + _TURN_S
+            for up_m, way in zip(heights, ways, strict=True)
+        ]
+        starts, down_s = [way[-1] for way in ways], dict[int, float]()
+        for k in sorted(range(len(starts)), key=home_s.__getitem__):
+            near = [down_s[j] for j in down_s if math.dist(starts[j], starts[k]) < apart_m]
+            down_s[k] = max([home_s[k], *near]) + autopilot.landing_s(heights[k])
+        return max(down_s.values())
+
+    def ways_m(
+        self, step: ReturnStep, plan: Plan, before: PlannedFormation
+    ) -> list[tuple[Point, ...]]:
+        """To the own start."""
+        starts = [(n * plan.unit_m, e * plan.unit_m) for n, e in (a.start for a in plan.agents)]
+        return list(zip(before.places_m(), starts, strict=True))
