@@ -21,7 +21,7 @@ def turned_round(*steps: str, exchange: bool = True) -> LoadedMission:
 
 
 def roles(swarm: VirtualSwarm) -> list[int]:
-    return [member.agent._context.slot_exchange.exchange.role for member in swarm.members.values()]
+    return [member.agent._group.slot_exchange.exchange.role for member in swarm.members.values()]
 
 
 def formed_s(swarm: VirtualSwarm) -> float:

@@ -64,7 +64,7 @@ def shape_error_m(swarm: VirtualSwarm, step: int, live: tuple[int, ...] = (1, 2,
     slots = formation.offsets
     unit = swarm.plan.unit_m
     planned = {
-        i: slots[member.agent._context.slot_exchange.exchange.role]
+        i: slots[member.agent._group.slot_exchange.exchange.role]
         for i, member in swarm.members.items()
     }
     return float(
@@ -84,7 +84,7 @@ def test_a_formation_that_holds_is_calm(autopilot: str) -> None:
     fastest = 0.0
     while swarm.in_step(THIRD):
         swarm.tick()
-        setpoints = (m.agent._context.controller.setpoint_mps for m in swarm.members.values())
+        setpoints = (m.agent._controller.setpoint_mps for m in swarm.members.values())
         fastest = max(fastest, *(math.hypot(*setpoint) for setpoint in setpoints))
     assert 0.0 < fastest < 2.0
 
@@ -194,15 +194,15 @@ def test_another_takes_over_when_the_pinned_agent_is_lost() -> None:
     policies = replace(mission.plan.policies, agent_lost=Policy.CONTINUE)
     swarm = at_step(replace(mission, plan=replace(mission.plan, policies=policies)), THIRD)
     swarm.run(8)
-    assert [m.agent._context.reference.pinned for m in swarm.members.values()] == [1, 1, 1, 1]
-    frame = swarm.members[2].agent._context.reference.frame
+    assert [m.agent._group.reference.pinned for m in swarm.members.values()] == [1, 1, 1, 1]
+    frame = swarm.members[2].agent._group.reference.frame
     swarm.kill(1)
     swarm.run(2)
-    after = swarm.members[2].agent._context.reference.frame
+    after = swarm.members[2].agent._group.reference.frame
     assert frame is not None
     assert after is not None
     assert math.dist(frame.point_m, after.point_m) < 5
-    assert [swarm.members[i].agent._context.reference.pinned for i in (2, 3, 4)] == [2, 2, 2]
+    assert [swarm.members[i].agent._group.reference.pinned for i in (2, 3, 4)] == [2, 2, 2]
     swarm.wait(lambda s: s.in_step(4))
     assert shape_error_m(swarm, THIRD, (2, 3, 4)) < 1.0
     swarm.fly(900)

@@ -60,8 +60,8 @@ class Desk:
                 seen = self.changes[agent]
                 if (
                     seen[-1][1] if seen else planned(self.swarm.plan)
-                ) != member.agent._context.controller.gains:
-                    seen.append((self.swarm.now, member.agent._context.controller.gains))
+                ) != member.agent._controller.gains:
+                    seen.append((self.swarm.now, member.agent._controller.gains))
 
     @property
     def moments(self) -> list[tuple[float, ...]]:
@@ -110,9 +110,7 @@ def test_all_change_in_the_tick_of_the_order_s_time() -> None:
     assert -1e-3 < when - order.tuning.at_s < swarm.plan.tick_s + 1e-3
     statuses = [member.status for member in swarm.members.values()]
     assert {status.gains for status in statuses if status} == {Gains(0.1, 2.0, 0.04, 8.0)}
-    assert {member.agent._context.controller.gain for member in swarm.members.values()} == {
-        0.04 * 8.0
-    }
+    assert {member.agent._controller.gain for member in swarm.members.values()} == {0.04 * 8.0}
     swarm.fly(900)
     assert_good(swarm)
 
@@ -260,5 +258,5 @@ def test_an_older_law_never_comes_back(desk: Desk) -> None:
     desk.run(3)
     end()
     desk.run(1)
-    assert {m.agent._context.controller.gains.h for m in desk.swarm.members.values()} == {0.03}
+    assert {m.agent._controller.gains.h for m in desk.swarm.members.values()} == {0.03}
     assert [gains.h for _, gains in desk.changes[3]][-1] == 0.03

@@ -1,9 +1,9 @@
 """The agent: `step(now, inbox) -> actions`, and nothing else. No I/O, no clock, no randomness.
 
-One tick: take in what was heard, make the snapshot of peers, see whether a failsafe fires
-(`failsafes.py`), carry out the current step (`step_executor.py`) or wind the flight down
-(`landing.py`), and say so. What these parts share is the `FlightContext`. Everything that is sent
-anywhere is in `Actions`.
+One tick hears, obeys, judges, decides, flies and says: `Agent.step` has the order. What a stage
+finds out is a value that the next ones read: `Tick` (what was heard), `Decision` (what is done),
+the vehicle's goal. What lasts from tick to tick has one owner each: `OwnVehicle`, `Group`,
+`Interruption`, `Log` and the controller. Everything that is sent anywhere is in `Actions`.
 """
 
 from __future__ import annotations
@@ -14,21 +14,19 @@ from dataclasses import dataclass
 from typing import Final
 
 from swarm_ctl.core.agent import failsafes
-from swarm_ctl.core.agent.barrier import Barrier
 from swarm_ctl.core.agent.command_handler import AgentSituation, CommandHandler
-from swarm_ctl.core.agent.flight_context import FlightContext
+from swarm_ctl.core.agent.flight import Interruption, Log, OwnVehicle
+from swarm_ctl.core.agent.group import Group
 from swarm_ctl.core.agent.landing import Landing
 from swarm_ctl.core.agent.preflight import EstimateWatch, Preflight, ResponseWatch
-from swarm_ctl.core.agent.progress import Progress, step_name
 from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch
 from swarm_ctl.core.agent.status_report import RefusalsSaid, status_report
+from swarm_ctl.core.agent.steering import NO_FIX, Course, Decision, Steering
 from swarm_ctl.core.agent.step_executor import StepExecutor
 from swarm_ctl.core.agent.takeover import Takeover
 from swarm_ctl.core.agent.tick import Attention, HeardStation, Tick
 from swarm_ctl.core.control.controller import Controller
 from swarm_ctl.core.control.navigation import Navigator, OwnFix
-from swarm_ctl.core.control.reference import Reference
-from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.messages import (
     Ack,
     AgentState,
@@ -48,15 +46,12 @@ from swarm_ctl.core.model.messages import (
     TickReport,
 )
 from swarm_ctl.core.model.own_parameters import Found, ParameterNote
-from swarm_ctl.core.model.plan import Plan, Response
+from swarm_ctl.core.model.plan import GroupPlan, Plan, Response
 from swarm_ctl.core.model.steps.step import Step
-from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.vehicle import Goal, VehicleView
 from swarm_ctl.core.swarm.hearing import Hearing, hears_all
-from swarm_ctl.core.swarm.neighbourhood import Neighbourhood
 from swarm_ctl.core.swarm.peers import Peers
 from swarm_ctl.core.swarm.plausibility import Doubt, Finding
-from swarm_ctl.core.swarm.slot_exchange import SlotExchange
 
 _STANDS_MPS = 0.5
 STATUS_EVERY_S: Final = 0.5
@@ -129,6 +124,7 @@ class Agent:
         speedup: of mission time; a command may be that much older, because its sender waits by the
             wall clock.
         same_clock: the agents that were started with it on the same clock.
+        group: who flies which steps with it; None: all agents, all steps.
     """
 
     def __init__(
@@ -142,102 +138,78 @@ class Agent:
         keys_end_s: float = math.inf,
         speedup: float = 1.0,
         same_clock: Container[int] = (),
+        group: GroupPlan | None = None,
     ) -> None:
-        self._plan = plan
-        self._id = agent_id
+        group, response = group or plan.group, vehicle or plan.response
+        self._plan, self._id = plan, agent_id
         self._hash = plan.hash()
+        self._members = None if group.ids == plan.group.ids else frozenset(group.ids)
+        # what lasts from tick to tick
+        self._log = log = Log(agent_id)
+        self._vehicle = own = OwnVehicle()
+        self._peers = Peers(plan, agent_id, same_clock, group)
+        self._group = Group(plan, group, agent_id, self._peers, now, log)
+        self._interruption = Interruption(own, self._group.progress, log)
+        self._controller = Controller(plan, agent_id, response)
+        self._attention = Attention()
+        self._station: HeardStation | None = None
+        self._notes: list[ParameterNote] = []
+        self._told_to_end = ""
+        self._phase, self._reason, self._waits = Phase.CONNECT, "", ""
+        self._shape = self._group.reference.shape
+        """Before the newest commanded one."""
+        # what hears and judges
         self._navigator = Navigator(plan.origin)
-        self._peers = Peers(plan, agent_id, same_clock)
-        self._context = context = FlightContext(
-            plan,
-            agent_id,
-            Controller(plan, agent_id, vehicle or plan.response),
-            Progress(plan, now),
-            Reference(plan, agent_id),
-            Neighbourhood(plan, agent_id),
-            SlotExchange(plan, agent_id, self._peers),
-        )
-        reach_m = context.controller.safety_filter.reach_m
+        reach_m = self._controller.safety_filter.reach_m
         self._hearing = None if hears_all(plan) else Hearing(plan, agent_id, reach_m)
-        self._barrier = Barrier(context)
-        self._command_handler = CommandHandler(plan, agent_id, self._hash, speedup)
-        self._way_back = ReturnToLaunch(plan, agent_id)
+        self._command_handler = CommandHandler(plan, group, agent_id, self._hash, speedup)
+        self._estimate = EstimateWatch(plan.policies.position_accuracy_flight_m)
+        self._response = ResponseWatch(response)
+        # what decides, flies and says
         preflight = Preflight(
             plan,
             plan.agent(agent_id),
             self._hash,
             self._navigator,
             expect_station,
-            vehicle or plan.response,
+            response,
             keys_end_s,
         )
-        self._takeover = Takeover(context, preflight)
-        self._estimate = EstimateWatch(plan.policies.position_accuracy_flight_m)
-        self._response = ResponseWatch(vehicle or plan.response)
+        self._steering = Steering(self._controller, own, plan.limits)
+        self._way_back = ReturnToLaunch(plan, agent_id)
+        flight = own, self._group, self._interruption, log
+        self._takeover = Takeover(agent_id, *flight, preflight)
         self._executor = StepExecutor(
-            context,
+            *flight,
             preflight,
-            self._barrier,
             self._command_handler,
-            Landing(context, self._way_back),
+            Landing(plan, *flight, self._controller, self._way_back),
             self._takeover,
+            self._steering.setpoints,
         )
-        self._shape = context.reference.shape
-        """Before the newest commanded one."""
-        self._station: HeardStation | None = None
-        self._notes: list[ParameterNote] = []
-        self._attention = Attention()
-        self._told_to_end = self._waits = ""
         self._seq = 0
         self._status_due = self._sigma_due = now
         self._refused_said = RefusalsSaid()
         self._sigma_shown = False
 
-    # --- one tick ---
-
     def step(self, now: float, inbox: Inbox) -> Actions:
         """Decide one tick; call it every `plan.tick_s`."""
-        context = self._context
-        tick = self._take_in(now, inbox)
-        self._tell_notes(now)
-        acks = tuple(self._answer(tick, command) for command in inbox.commands)
-        context.observe(inbox.view)
-        self._barrier.measure(tick)
-        self._barrier.watch_commands(tick, self._executor.override)
-        if self._barrier.alone(now):
-            self._drop_command(tick)
-        self._hold_if_expelled()
-        self._check_failsafes(tick)
-        if self._pausing(tick):
-            context.progress.paused_s += self._plan.tick_s
-        goal = self._executor.decide(tick)
-        if context.reference.doubted is not None:
-            leader, words = context.reference.doubted
-            self._peers.doubt(leader, Finding(Doubt.FRAME, words), now)
-        going_on = context.trigger is None and context.phase is not Phase.ENDED
-        if going_on:
-            context.reason = context.reason or self._waiting(now)
-        # no step is entered under an order that stops it
-        going_on = going_on and self._command_handler.override is None
-        may_go_on = going_on and context.progress.done
-        if may_go_on and context.progress.advance(self._barrier.members(tick.peers), now):
-            self._enter_step(now)
-        actions = Actions(goal, self._state(tick, tick.fix) if tick.fix is not None else None)
-        actions.acks = acks
-        self._choose_near(tick, actions)
-        actions.clock = self._peers.clocks.say(now)
-        self._watch_neighbours(tick)
-        self._publish_slow(tick, inbox, actions)
-        return actions
+        tick = self._hear(now, inbox)
+        acks = tuple(self._obey(tick, command) for command in inbox.commands)
+        self._judge(tick)
+        decision = self._decide(tick)
+        goal = self._steering.fly(tick, decision.course)
+        self._go_on(tick)
+        return self._say(tick, inbox, goal, acks)
 
-    # --- what is heard ---
+    # --- hear: what came in becomes one tick's facts ---
 
     def likely(self, word: Glimpse, received_s: float) -> bool:
         """Whether this word of a peer may follow what was believed of it."""
         return self._peers.likely(word, received_s)
 
-    def _take_in(self, now: float, inbox: Inbox) -> Tick:
-        context, peers = self._context, self._peers
+    def _hear(self, now: float, inbox: Inbox) -> Tick:
+        log, peers, group, view = self._log, self._peers, self._group, inbox.view
         for news, received_s in inbox.clocks:
             peers.hear_clock(news, received_s)
         believed = []
@@ -247,79 +219,82 @@ class Agent:
                 if peers.hear(state, received_s, far=far):
                     believed.append((state, received_s))
         for severity, text in peers.watch(now):
-            context.say(now, severity, text)
+            log.say(now, severity, text)
         peers.count_ages(now)
-        context.slot_exchange.hear()
-        context.reference.assign(context.slot_exchange.roles)
+        group.slot_exchange.hear()
+        group.reference.assign(group.slot_exchange.roles)
         for beacon, received_s in inbox.beacons:
             self._station = (beacon, received_s)
         self._update_gains(now, believed)
         self._told_to_end = self._told_to_end or inbox.told_to_end
-        for text in inbox.view.texts:
-            context.say(now, Severity.WARNING, f"vehicle: {text}")
-        self._notes += inbox.view.notes
-        fix = self._navigator.fix(inbox.view, now)
+        for text in view.texts:
+            log.say(now, Severity.WARNING, f"vehicle: {text}")
+        self._notes += view.notes
+        fix = self._navigator.fix(view, now)
         if fix is not None:
-            context.controller.locate(fix, now)
-            unlike = self._response.look(context.controller.estimate)
+            self._controller.locate(fix, now)
+            unlike = self._response.look(self._controller.estimate)
             if unlike:
-                context.say(now, Severity.WARNING, unlike)
-        snapshot = peers.snapshot(now, inbox.view.contacts, context.controller.point_m)
+                log.say(now, Severity.WARNING, unlike)
+        snapshot = peers.snapshot(now, view.contacts, self._controller.point_m)
         self._attention.run(now)
-        return Tick(now, inbox.view, fix, snapshot, self._station, self._attention)
+        self._tell_notes(now)
+        heard = self._station, self._attention, self._members, self._phase
+        return Tick(now, view, fix, snapshot, *heard)
 
     def _tell_notes(self, now: float) -> None:
         """Said when a station hears it, or at the latest before the flight: an event is sent
         once."""
-        context = self._context
-        if self._station is None and context.phase in (Phase.CONNECT, Phase.PREPARE):
+        if self._station is None and self._phase in (Phase.CONNECT, Phase.PREPARE):
             return
         for note in self._notes:
             severity = Severity.INFO if note.found is Found.UNKNOWN else Severity.WARNING
-            context.say(now, severity, f"vehicle: {note.text}")
+            self._log.say(now, severity, f"vehicle: {note.text}")
         self._notes = []
 
     def _update_gains(self, now: float, states: Sequence[tuple[AgentState, float]]) -> None:
         gain_update = self._command_handler.gain_update
         for severity, text in gain_update.update(now, states):
-            self._context.say(now, severity, text)
-        if self._context.controller.gains is not gain_update.gains:
-            self._context.controller.set_gains(gain_update.gains)
+            self._log.say(now, severity, text)
+        if self._controller.gains is not gain_update.gains:
+            self._controller.set_gains(gain_update.gains)
 
-    def _answer(self, tick: Tick, command: Command) -> Ack:
+    # --- obey: the operator's commands ---
+
+    def _obey(self, tick: Tick, command: Command) -> Ack:
         """Acknowledge a command, and do what it asks for if it is new and can be done."""
-        context, handler = self._context, self._command_handler
-        frame, before = context.reference.frame, handler.override
-        flown = before.step if before else context.progress.current
+        handler, group = self._command_handler, self._group
+        frame, before = group.reference.frame, handler.override
+        flown = before.step if before else group.progress.current
         situation = AgentSituation(
             self._plan,
+            group.ids,
             self._id,
-            context.phase,
-            context.was_armed and context.phase is not Phase.ENDED,
-            context.progress,
-            bool(context.reference.slots),
+            self._phase,
+            self._vehicle.was_armed and self._phase is not Phase.ENDED,
+            group.progress,
+            bool(group.reference.slots),
             before,
             tick.peers,
             self._takeover.not_given_back(tick.view),
-            self._barrier.held,
+            group.held(self._interruption.trigger),
         )
         ack, new = handler.answer(command, situation, frame.leg if frame else 0)
         if not new:
             return ack
         if command.kind == CommandKind.FORM:
-            self._shape = context.reference.shape
-        context.say(tick.now, Severity.INFO, f"the operator commands: {_named(command)}")
-        context.left = handler.left is not None
+            self._shape = group.reference.shape
+        self._log.say(tick.now, Severity.INFO, f"the operator commands: {_named(command)}")
         self._peers.expel(handler.expelled)
-        if command.kind == CommandKind.RESUME and context.phase is Phase.YIELD:
+        if command.kind == CommandKind.RESUME and self._phase is Phase.YIELD:
             self._takeover.take_back(tick)
         elif command.kind == CommandKind.RESUME:
-            self._barrier.accept()
+            group.accept()
             self._takeover.catch_up(tick)
         elif command.kind == CommandKind.READMIT and handler.override is not before:
             self._takeover.catch_up(tick)
         if command.kind == CommandKind.NEXT:
-            context.progress.finish_step(tick.now, StepOutcome.SKIPPED)
+            group.progress.finish_step(tick.now, StepOutcome.SKIPPED)
         after = handler.override
         if after is not before:
             self._executor.overridden(command.kind, flown)
@@ -328,136 +303,159 @@ class Agent:
 
     def _drop_command(self, tick: Tick) -> None:
         """A shape or a move is for all: one that no peer flies was not commanded to all."""
-        context, handler = self._context, self._command_handler
+        handler = self._command_handler
         before = handler.override
         if before is None or not handler.drop_alone():
             return
         text = f"no other agent flies the commanded {before.kind}: going on without it"
-        context.say(tick.now, Severity.WARNING, text)
+        self._log.say(tick.now, Severity.WARNING, text)
         self._takeover.catch_up(tick)
         if before.kind == CommandKind.FORM:
-            context.reference.form(*self._shape)
+            self._group.reference.form(*self._shape)
         after = handler.override
         self._enter(after.step if after else None, before.leg)
 
     def _hold_if_expelled(self) -> None:
         """An agent that was expelled on its way up holds as soon as it flies."""
-        context, handler = self._context, self._command_handler
-        if context.phase is not Phase.FLY or context.trigger is not None:
+        handler, group = self._command_handler, self._group
+        if self._phase is not Phase.FLY or self._interruption.trigger is not None:
             return
-        frame = context.reference.frame
+        frame = group.reference.frame
         if handler.hold_expelled(frame.leg if frame else 0) and handler.override is not None:
-            self._executor.overridden(CommandKind.EXPEL, context.progress.current)
+            self._executor.overridden(CommandKind.EXPEL, group.progress.current)
             self._enter(handler.override.step, 0)
 
-    # --- steps ---
+    # --- judge: the group, and whether a failsafe fires ---
+
+    def _judge(self, tick: Tick) -> None:
+        own, group, interruption = self._vehicle, self._group, self._interruption
+        own.observe(tick.view)
+        group.measure(tick, self._controller.stop_point_m, airborne=own.was_armed)
+        group.watch_commands(tick, self._command_handler.tag, interruption.trigger)
+        if group.alone(tick.now):
+            self._drop_command(tick)
+        self._hold_if_expelled()
+        if own.ended_s is None:
+            own.watch_height(tick)
+            trigger = failsafes.find(self._situation(tick))
+            landing = own.landing_s is not None
+            if failsafes.replaces(trigger, interruption.trigger, landing=landing):
+                interruption.heed(tick, trigger)
+        if self._pausing(tick):
+            group.progress.paused_s += self._plan.tick_s
+
+    def _situation(self, tick: Tick) -> failsafes.Situation:
+        """The facts that the failsafes judge."""
+        own, group, fix = self._vehicle, self._group, tick.newest_fix
+        stop_point_m = self._controller.stop_point_m
+        return failsafes.Situation(
+            tick,
+            self._plan,
+            group.progress,
+            had_control=own.had_control,
+            was_armed=own.was_armed,
+            told_to_end=self._told_to_end,
+            ordered=self._command_handler.ordered,
+            stop_point_m=stop_point_m,
+            height_m=own.height(fix) if fix is not None else 0.0,
+            landing=own.landing_s is not None,
+            returning=self._phase is Phase.RETURN,
+            # What it said on the ground was the pre-flight check's.
+            estimate_doubt=self._estimate.look(tick.now, tick.view) if own.was_armed else "",
+            flown=own.flown,
+            departed=group.departed,
+            accepted=group.accepted,
+            fell=own.fell(tick.now),
+            sunk_s=own.sunk_s(tick.now),
+            waits=self._waits,
+            leads=lambda: group.leads(tick, stop_point_m),
+        )
 
     def _pausing(self, tick: Tick) -> bool:
         """The mission's step waits, and its time with it."""
-        trigger = self._context.trigger
-        held = self._barrier.waits_for(tick.now)
-        paused = trigger is not None and trigger.action is FailsafeAction.HOLD
-        return self._command_handler.override is not None or bool(held) or paused
+        held = self._command_handler.override is not None or self._interruption.holds
+        return held or bool(self._group.waits_for(tick.now))
 
-    def _waiting(self, now: float) -> str:
-        """Which agents the mission waits for because of a command, or ''."""
-        left = self._barrier.waits_for(now)
-        if not left:
-            return ""
-        # Whole tens, so that a status is new only now and then.
-        seconds = 10 * math.ceil(min(left.values()) / 10)
-        return f"waits for {agents_named(sorted(left))}, held by a command: {seconds} s at most"
+    # --- decide, and go on to the next step ---
+
+    def _decide(self, tick: Tick) -> Decision:
+        """What is done in this tick: the agent's phase from now on, and its reason."""
+        stopped = self._interruption.reason
+        decision = self._executor.decide(tick, self._controller.stop_point_m)
+        reason = stopped if decision.reason is None else decision.reason
+        blind = tick.fix is None and isinstance(decision.course, Course)
+        self._phase, self._reason = decision.phase, reason or (NO_FIX if blind else "")
+        if self._interruption.trigger is None:
+            self._waits = self._reason
+        return decision
+
+    def _go_on(self, tick: Tick) -> None:
+        """Enter the next step, if all members are done with this one and no order stops it."""
+        now, group = tick.now, self._group
+        if group.reference.doubted is not None:
+            leader, words = group.reference.doubted
+            self._peers.doubt(leader, Finding(Doubt.FRAME, words), now)
+        if self._interruption.trigger is not None or self._phase is Phase.ENDED:
+            return
+        self._reason = self._reason or group.waiting(now)
+        if self._command_handler.override is not None or not group.progress.done:
+            return
+        told = group.told(tick.members, airborne=self._vehicle.was_armed)
+        if group.progress.advance(told, now):
+            self._enter_step(now)
 
     def _enter_step(self, now: float) -> None:
-        progress = self._context.progress
-        name = step_name(self._plan, progress.step)
-        self._context.say(now, Severity.INFO, f"step {progress.step}: {name}")
+        progress = self._group.progress
+        self._log.say(now, Severity.INFO, f"step {progress.step}: {progress.name}")
         if progress.current is not None:
             self._enter(progress.current)
 
     def _enter(self, step: Step | None, leg: int = 0) -> None:
         """Begin a step: a mission's, a command's, or (None) the mission's again, on its `leg`."""
-        context = self._context
+        group = self._group
         self._executor.begin()
-        self._barrier.forget_shape()
+        group.forget_shape()
         again = step is None
-        step = context.progress.current if step is None else step
+        step = group.progress.current if step is None else step
         form = step.new_shape if step is not None else None
         if form is not None and self._command_handler.override is None:
-            context.begin_form(form)
+            group.begin_form(form)
         elif form is not None:
-            context.reference.form(form.slots)
+            group.reference.form(form.slots)
         else:
-            context.reference.begin(leg if again else 0)
+            group.reference.begin(leg if again else 0)
 
-    # --- failsafes ---
+    # --- say ---
 
-    def _check_failsafes(self, tick: Tick) -> None:
-        """Look for a trigger that outweighs what is being done."""
-        context, fix = self._context, tick.newest_fix
-        if context.ended_s is not None:
-            return
-        context.watch_height(tick)
-        landing = context.landing_s is not None
-        if context.trigger is None:
-            self._waits = context.reason
-        trigger = failsafes.find(
-            failsafes.Situation(
-                tick,
-                self._plan,
-                context.progress,
-                had_control=context.had_control,
-                was_armed=context.was_armed,
-                told_to_end=self._told_to_end,
-                ordered=self._command_handler.ordered,
-                stop_point_m=context.controller.stop_point_m,
-                height_m=context.height(fix) if fix is not None else 0.0,
-                landing=landing,
-                returning=context.phase is Phase.RETURN,
-                # What it said on the ground was the pre-flight check's.
-                estimate_doubt=(
-                    self._estimate.look(tick.now, tick.view) if context.was_armed else ""
-                ),
-                flown=context.flown,
-                departed=self._barrier.departed,
-                accepted=self._barrier.accepted,
-                fell=context.fell(tick.now),
-                sunk_s=context.sunk_s(tick.now),
-                waits=self._waits,
-                leads=lambda: self._barrier.leads(tick),
-            )
-        )
-        if failsafes.replaces(trigger, context.trigger, landing=landing):
-            context.heed(tick, trigger)
-
-    def _watch_neighbours(self, tick: Tick) -> None:
-        context = self._context
-        if context.progress.step == 0 or context.phase in (Phase.LAND, Phase.RETURN, Phase.ENDED):
-            return  # on the way down the peers fall silent one by one, and none is followed
-        neighbourhood = context.neighbourhood
-        said = neighbourhood.lose(self._barrier.lost(tick.peers)) + neighbourhood.watch(tick.peers)
-        for severity, text in said:
-            context.say(tick.now, severity, text)
+    def _say(self, tick: Tick, inbox: Inbox, goal: Goal, acks: tuple[Ack, ...]) -> Actions:
+        actions = Actions(goal, self._state(tick, tick.fix) if tick.fix is not None else None)
+        actions.acks = acks
+        self._choose_near(tick, actions)
+        actions.clock = self._peers.clocks.say(tick.now)
+        # on the way down the peers fall silent one by one, and none is followed
+        down = self._phase in (Phase.LAND, Phase.RETURN, Phase.ENDED)
+        if self._group.progress.step > 0 and not down:
+            self._group.watch_neighbours(tick, airborne=self._vehicle.was_armed)
+        self._report(tick, inbox, actions)
+        return actions
 
     def _choose_near(self, tick: Tick, actions: Actions) -> None:
         """In a large swarm: which peers to hear at every tick, and the own far word."""
-        hearing, context = self._hearing, self._context
+        hearing, group = self._hearing, self._group
         if hearing is None:
             return
-        own_m = context.controller.stop_point_m if tick.newest_fix is not None else None
-        always = context.neighbourhood.own | context.slot_exchange.partners
-        always = (always | {context.reference.pinned}) - {self._id}
+        own_m = self._controller.stop_point_m if tick.newest_fix is not None else None
+        always = group.neighbourhood.own | group.slot_exchange.partners
+        always = (always | {group.reference.pinned}) - {self._id}
         actions.follow = hearing.look(tick.now, own_m, self._peers, always)
         if actions.follow is not None:
             self._peers.follow(actions.follow, tick.now)
         if hearing.says(tick.now):
             actions.far = actions.state
 
-    # --- what is said ---
-
     def _state(self, tick: Tick, fix: OwnFix) -> AgentState:
         self._seq += 1
-        context, handler = self._context, self._command_handler
+        group, handler, controller = self._group, self._command_handler, self._controller
         gain_update, left = handler.gain_update, handler.left
         still = math.hypot(*fix.velocity_ned_mps) < _STANDS_MPS  # one that falls may say `landed`
         stands = still and tick.view.on_ground and not tick.view.armed
@@ -466,34 +464,34 @@ class Agent:
             self._seq,
             tick.now,
             self._hash,
-            context.phase,
-            context.progress.step,
-            context.progress.done,
-            context.was_armed and context.phase not in (Phase.ARM, Phase.ENDED),
+            self._phase,
+            group.progress.step,
+            group.progress.done,
+            self._vehicle.was_armed and self._phase not in (Phase.ARM, Phase.ENDED),
             fix.position_ned_m,
             fix.velocity_ned_mps,
-            context.controller.stop_point_m,
-            context.controller.setpoint_mps,
-            context.reference.frame,
+            controller.stop_point_m,
+            controller.setpoint_mps,
+            group.reference.frame,
             int(self._way_back.stage),
-            self._executor.override,
+            handler.tag,
             gain_update.tag,
             gain_update.decided,
-            context.slot_exchange.exchange,
-            context.controller.estimate.response_s,
-            context.controller.estimate.doubt_s,
+            group.slot_exchange.exchange,
+            controller.estimate.response_s,
+            controller.estimate.doubt_s,
             left.order if left is not None else None,
-            stands and context.phase is Phase.ENDED,
+            stands and self._phase is Phase.ENDED,
         )
 
-    def _publish_slow(self, tick: Tick, inbox: Inbox, actions: Actions) -> None:
+    def _report(self, tick: Tick, inbox: Inbox, actions: Actions) -> None:
         """What is not sent every tick: the sigma report, the status, events, the end."""
-        context, now = self._context, tick.now
-        since = now - context.ended_s if context.ended_s is not None else -1.0
+        now, ended_s, controller = tick.now, self._vehicle.ended_s, self._controller
+        since = now - ended_s if ended_s is not None else -1.0
         ending = since >= (_LINGER_S if inbox.view.released else _RELEASE_AT_MOST_S)
         if now >= self._sigma_due:
             self._sigma_due = now + _SIGMA_EVERY_S
-            actions.sigma = context.controller.sigma_report(now)
+            actions.sigma = controller.sigma_report(now)
             if actions.sigma is None and self._sigma_shown:
                 actions.sigma = SigmaReport(self._id, now, (0.0, 0.0), (0.0, 0.0), ())
             self._sigma_shown = actions.sigma is not None and bool(actions.sigma.pairs)
@@ -501,11 +499,17 @@ class Agent:
             self._status_due = now + STATUS_EVERY_S
             refused = inbox.refused(now)
             for text in self._refused_said.due(refused, now):
-                context.say(now, Severity.WARNING, text)
+                self._log.say(now, Severity.WARNING, text)
             actions.status = status_report(
-                context,
                 tick,
-                formation_error_m=self._barrier.formation_error_m,
+                self._id,
+                self._phase,
+                self._reason,
+                self._vehicle,
+                self._group,
+                self._interruption,
+                controller,
+                self._steering.setpoints,
                 links=self._peers.links(now),
                 loop=inbox.tick(),
                 bad_payloads=inbox.bad_payloads,
@@ -513,9 +517,9 @@ class Agent:
                 doubted=self._peers.suspects(now),
                 left=self._command_handler.left,
             )
-        actions.events, context.events = tuple(context.events), []
+        actions.events = self._log.take()
         if ending:
-            actions.ended = Ended(context.outcome, context.reason)
+            actions.ended = Ended(self._interruption.outcome, self._reason)
 
 
 def _named(command: Command) -> str:

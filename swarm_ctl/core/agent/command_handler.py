@@ -16,7 +16,7 @@ from typing import Final
 from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.messages import ABOUT, ENDING, Ack, Command, CommandKind, Departure, Phase
-from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.plan import GroupPlan, Plan
 from swarm_ctl.core.model.steps.hold import HoldStep
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.model.text import printable
@@ -58,6 +58,8 @@ class AgentSituation:
     """Where the agent is: what a command is judged by."""
 
     plan: Plan
+    members: tuple[int, ...]
+    """Of the own group."""
     agent: int
     phase: Phase
     airborne: bool
@@ -80,10 +82,12 @@ class AgentSituation:
 class CommandHandler:
     """Answers commands and remembers what they asked for."""
 
-    def __init__(self, plan: Plan, agent_id: int, plan_hash: int, speedup: float = 1.0) -> None:
+    def __init__(
+        self, plan: Plan, group: GroupPlan, agent_id: int, plan_hash: int, speedup: float = 1.0
+    ) -> None:
         self._id = agent_id
         self._origins = CommandOrigins(agent_id, speedup)
-        self._all = {agent.id for agent in plan.agents}
+        self._all = set(group.ids)
         self._hash = plan_hash
         self._in_plan = InPlan(plan)
         self._answers: dict[str, Ack] = {}
@@ -100,6 +104,11 @@ class CommandHandler:
         self._expelled_by: int | None = None
         """The tag of the command that expelled this agent before it flew, for its hold."""
         self.gain_update = gain_update.GainUpdate(plan, agent_id, plan_hash)
+
+    @property
+    def tag(self) -> int:
+        """`Command.tag` of the command that is flown instead of the mission's step; 0: none."""
+        return self.override.tag if self.override is not None else 0
 
     def answer(self, command: Command, situation: AgentSituation, leg: int) -> tuple[Ack, bool]:
         """The answer, and whether something is to be done now (False: seen before, or refused).
@@ -260,8 +269,8 @@ def _check_form(command: Command, situation: AgentSituation) -> str:
         return "the command has no shape"
     if command.agents:
         return "a shape is for the whole swarm; give it to all agents"
-    if len(step.slots) != len(plan.agents):
-        return f"{step.shape} has {len(step.slots)} slots for {len(plan.agents)} agents"
+    if len(step.slots) != len(situation.members):
+        return f"{step.shape} has {len(step.slots)} slots for {len(situation.members)} agents"
     if not all(math.isfinite(x) for slot in step.slots for x in slot):
         return "a slot is not finite"
     apart, r_out = smallest_distance(step.slots), plan.law.r_out

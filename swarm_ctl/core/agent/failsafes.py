@@ -7,7 +7,7 @@ trigger decides; of equal ones the first in the table.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from typing import Final
@@ -25,6 +25,7 @@ from swarm_ctl.core.model.messages import (
 )
 from swarm_ctl.core.model.plan import Plan, Point, Policy
 from swarm_ctl.core.model.rows import row
+from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.timeouts import OWN_FIX_S, OWN_LOST_S
 from swarm_ctl.core.model.vehicle import FALLS_MPS
@@ -229,14 +230,14 @@ def _peers_gone(s: Situation) -> FailsafeTrigger | None:
         return None
     if s.progress.step == 0:
         after = max(after, _PATIENCE_S)
-    for peer in s.tick.peers.peers:
+    for peer in s.tick.members.peers:
         silent = peer.age_s > after and peer.silent_s > after  # in most ticks the first is enough
         if not silent and peer.state is not None and peer.state.phase in _GOES_ON:
             continue
-        completed = peer.state and progress_of(peer.state) >= (len(s.plan.steps), True)
+        completed = peer.state and progress_of(peer.state) >= (len(s.progress.steps), True)
         if peer.state is None or completed or peer.id in s.departed:
             continue  # never heard: the step's time-out bounds the wait
-        reason = gave_up(peer, s.plan)
+        reason = gave_up(peer, s.progress.steps)
         if not reason and peer.silent_s > after:
             reason = f"agent {peer.id} has not been heard for {after:g} s"
         if not reason:
@@ -290,9 +291,9 @@ def _not_done(s: Situation) -> str:
     lacks = "not done" if s.progress.step else "not ready"
     if not s.progress.done:
         return f"{lacks}: {s.waits}" if s.waits else f"this agent was {lacks}"
-    patience_s, last = s.plan.policies.agent_lost_after_s, (len(s.plan.steps), True)
+    patience_s, last = s.plan.policies.agent_lost_after_s, (len(s.progress.steps), True)
     late, unheard = set[int](), set[int]()
-    for peer in s.tick.peers.without(s.departed).peers:
+    for peer in s.tick.members.without(s.departed).peers:
         told = (-1, False) if peer.state is None else progress_of(peer.state)
         if peer.silent_s > patience_s and told < last:
             unheard.add(peer.id)
@@ -392,13 +393,13 @@ def left_by_order(state: AgentState) -> str:
     return f"agent {state.agent} was {how[1]} by the operator" if how is not None else ""
 
 
-def gave_up(peer: OtherAircraft, plan: Plan) -> str:
+def gave_up(peer: OtherAircraft, steps: Sequence[Step]) -> str:
     """Why this peer will not take part to the end, or '': it lands, yielded or ended early, by all
     of its states for a while."""
     state = peer.state
     if state is None or not peer.ends:
         return ""
-    step = plan.steps[min(state.step, len(plan.steps)) - 1] if state.step > 0 else None
+    step = steps[min(state.step, len(steps)) - 1] if state.step > 0 else None
     going_down = step is not None and step.goes_down
     if state.phase is Phase.YIELD:
         return f"agent {state.agent} has lost its vehicle to a pilot or a failsafe"

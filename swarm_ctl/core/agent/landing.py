@@ -8,18 +8,20 @@ from dataclasses import replace
 from typing import Final
 
 from swarm_ctl.core.agent.failsafes import FailsafeTrigger, failed
-from swarm_ctl.core.agent.flight_context import FlightContext
+from swarm_ctl.core.agent.flight import Interruption, Log, OwnVehicle
+from swarm_ctl.core.agent.group import Group
 from swarm_ctl.core.agent.return_to_launch import HOME_TOLERANCE_M, ReturnToLaunch, deserted
+from swarm_ctl.core.agent.steering import Decision, FlyTo, KeepClear
 from swarm_ctl.core.agent.tick import Tick
+from swarm_ctl.core.control.controller import Controller
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Outcome, Phase, ReturnStage, Severity
-from swarm_ctl.core.model.plan import Point
+from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S
 from swarm_ctl.core.model.vehicle import (
     MISPLACED_M,
     FlyGoal,
-    Goal,
     LandGoal,
     ReleaseGoal,
     StandbyGoal,
@@ -65,13 +67,23 @@ asks for nothing."""
 class Landing:
     """One agent's way out of the air: planned (`land` and `return` steps) or by a failsafe."""
 
-    def __init__(self, context: FlightContext, way_back: ReturnToLaunch) -> None:
-        self._plan = context.plan
-        self._context = context
+    def __init__(
+        self,
+        plan: Plan,
+        vehicle: OwnVehicle,
+        group: Group,
+        interruption: Interruption,
+        log: Log,
+        controller: Controller,
+        way_back: ReturnToLaunch,
+    ) -> None:
+        self._plan, self._log = plan, log
+        self._vehicle, self._interruption = vehicle, interruption
+        self._progress, self._controller = group.progress, controller
         self._way_back = way_back
         self._return_at_most_s = math.inf
         self._deserted_since: float | None = None
-        r_in_m = self._plan.law.r_in * self._plan.unit_m
+        r_in_m = plan.law.r_in * plan.unit_m
         self._room_m = r_in_m + 2.0 * WANDERS_M
         self._standing_room_m = r_in_m + 2.0 * STANDING_WANDERS_M
         self._stood: frozenset[int] | None = None
@@ -86,102 +98,97 @@ class Landing:
         self._lands_since: float | None = None
         """Since when a vehicle that we yielded has been in its landing mode [s]."""
 
-    def carry_out(self, tick: Tick, trigger: FailsafeTrigger) -> Goal:
-        """Do what a failsafe asks for: pause, yield, or hold for a moment and land."""
-        context, view, now = self._context, tick.view, tick.now
+    def carry_out(self, tick: Tick, trigger: FailsafeTrigger, *, left: bool) -> Decision:
+        """Do what a failsafe asks for: pause, yield, or hold for a moment and land. `left`: an
+        order to some agents alone has ended this agent's part."""
+        vehicle, view, now = self._vehicle, tick.view, tick.now
         # A vehicle that was asked to arm a moment ago may still do so: only what it says well
         # after that counts.
-        down = self._on_ground(tick) and now - context.arming_s > _ARMING_S
+        down = self._on_ground(tick) and now - vehicle.arming_s > _ARMING_S
         killed = trigger.action is FailsafeAction.KILL
+        since_s = now - self._interruption.since_s
         # An agent that has just started may not know yet that its vehicle is armed.
-        unsure = killed and not context.was_armed and now - context.trigger_s <= _ARMING_S
-        # It tells its peers in a state, which it has with its first position.
-        unsure |= context.left and tick.newest_fix is None and now - context.trigger_s <= _TELL_S
+        unsure = killed and not vehicle.was_armed and since_s <= _ARMING_S
+        # Its peers wait for its word, which it has with its first position.
+        unsure |= left and tick.newest_fix is None and since_s <= _TELL_S
         if not unsure and (down or tick.vehicle_silent_s > _GONE_VEHICLE_S):
             return self.end(now)
         if killed:
-            context.phase = Phase.LAND
-            context.controller.rest()
-            return TerminateGoal()
-        if view.armed and not context.ours:
+            return Decision(TerminateGoal(), Phase.LAND)
+        if view.armed and not vehicle.ours:
             return self.end(now)  # not our flight: nothing is sent, soon no heartbeat either
-        if not view.armed and not context.was_armed:
-            context.controller.rest()
-            return LandGoal() if math.isfinite(context.arming_s) else StandbyGoal()
+        if not view.armed and not vehicle.was_armed:
+            asked = math.isfinite(vehicle.arming_s)
+            return Decision(LandGoal() if asked else StandbyGoal(), tick.before)
         if trigger.action in (FailsafeAction.FALL, FailsafeAction.YIELD):
             return self._yield(tick, trigger)
         if trigger.action is FailsafeAction.HOLD:
             return self._hold(tick)
-        if trigger.action is FailsafeAction.RETURN and context.had_control:
+        if trigger.action is FailsafeAction.RETURN and vehicle.had_control:
             return self.come_back(tick)
         failure = trigger.outcome is Outcome.FAILED
         return self.land(tick, self._plan.policies.hold_before_land_s if failure else 0.0)
 
-    def _yield(self, tick: Tick, trigger: FailsafeTrigger) -> Goal:
+    def _yield(self, tick: Tick, trigger: FailsafeTrigger) -> Decision:
         """Leave it to a pilot, for as long as one flies it; wait for a vehicle that fell, or that
         another than us has brought into its landing mode, no longer than for our own landing."""
-        context, now, since = self._context, tick.now, self._lands_since
-        context.phase = Phase.YIELD
-        context.controller.rest()
+        now, since = tick.now, self._lands_since
         if trigger.action is FailsafeAction.FALL:
-            since = context.trigger_s
+            since = self._interruption.since_s
         elif tick.view.landing:
             since = now if since is None else since
         else:
             since = None
         self._lands_since = since
         if since is None:
-            return YieldGoal()
+            return Decision(YieldGoal(), Phase.YIELD)
         if now - since <= LANDING_AT_MOST_S:
             limit = f"given up if it is still armed after {LANDING_AT_MOST_S:g} s"
-            context.reason = f"{trigger.reason}; {limit}"
-            return YieldGoal()
+            return Decision(YieldGoal(), Phase.YIELD, f"{trigger.reason}; {limit}")
         why = f"{trigger.reason}; still armed after {LANDING_AT_MOST_S:g} s"
-        context.trigger = replace(trigger, reason=why)
-        context.say(now, Severity.ERROR, why)
+        self._interruption.go_over_to(replace(trigger, reason=why))
+        self._log.say(now, Severity.ERROR, why)
         return self.end(now)  # without the agent's heartbeats the vehicle's failsafe acts
 
-    def come_back(self, tick: Tick) -> Goal:
+    def come_back(self, tick: Tick) -> Decision:
         """Up to the own height, over the own start, down."""
-        context, way_back, fix = self._context, self._way_back, tick.fix
-        if context.phase is not Phase.RETURN and context.landing_s is None:
-            context.phase = Phase.RETURN
-            way_m = math.dist(context.controller.stop_point_m, way_back.home_m)
+        vehicle, interruption, way_back = self._vehicle, self._interruption, self._way_back
+        fix, trigger = tick.fix, interruption.trigger
+        if tick.before is not Phase.RETURN and vehicle.landing_s is None:
+            way_m = math.dist(self._controller.stop_point_m, way_back.home_m)
             own_s = 2.0 * way_m / self._plan.policies.return_speed_mps
             self._return_at_most_s = _RETURN_AT_MOST_S * len(self._plan.agents) + own_s
-        why_not = self._cannot_return(tick) if context.landing_s is None else ""
+        why_not = self._cannot_return(tick) if vehicle.landing_s is None else ""
         if why_not:
-            cause = context.trigger.reason if context.trigger else "return"
-            context.trigger_s = tick.now
+            cause = trigger.reason if trigger else "return"
             why = f"{cause}; {why_not}, so it lands here"
-            root = context.trigger.cause if context.trigger else Cause.PEER
-            context.trigger = failed(FailsafeAction.LAND, why, root)
-            context.say(tick.now, Severity.ERROR, context.trigger.reason)
+            root = trigger.cause if trigger else Cause.PEER
+            interruption.go_over_to(failed(FailsafeAction.LAND, why, root), anew_s=tick.now)
+            self._log.say(tick.now, Severity.ERROR, why)
             return self.land(tick)
-        stage = way_back.update(tick.peers, fix, context.height(fix) if fix else 0.0)
+        stage = way_back.update(tick.peers, fix, vehicle.height(fix) if fix else 0.0)
         if stage is ReturnStage.DOWN and not way_back.blocked:
-            if context.landing_s is None and math.isinf(self._home_s):
+            if vehicle.landing_s is None and math.isinf(self._home_s):
                 self._come_down_at_home(tick)
             return self.land(tick)
-        context.reason = context.reason or f"return: {stage.name.lower()}"
-        context.target_height_m = way_back.height_m
+        vehicle.go_home_at(way_back.height_m)
+        reason = None if trigger else f"return: {stage.name.lower()}"
         if fix is None or stage not in (ReturnStage.FLY, ReturnStage.DOWN):
-            return context.keep_clear(tick)
-        speed = self._plan.policies.return_speed_mps
-        velocity = context.controller.go_to(tick.peers, way_back.home_m, speed)
-        return context.setpoint(tick.now, fix, velocity)
+            return Decision(KeepClear(), Phase.RETURN, reason)
+        speed_mps = self._plan.policies.return_speed_mps
+        return Decision(FlyTo(way_back.home_m, speed_mps), Phase.RETURN, reason)
 
     def _come_down_at_home(self, tick: Tick) -> None:
         """On the own start, which the plan keeps for it, whichever vehicle stands at its own start
         beside that. One that came down elsewhere is landed beside."""
-        context = self._context
         self._home_s = tick.now
         astray = [peer.id for peer in self._below(tick) if not self._at_its_start(peer)]
         if not astray:
-            context.landing_s, self._place_m = tick.now, self._way_back.home_m
+            self._vehicle.land(tick.now)
+            self._place_m = self._way_back.home_m
             return
         stands = f"{agents_named(astray)} came down beside its start: it lands aside"
-        context.say(tick.now, Severity.WARNING, f"return: {stands}")
+        self._log.say(tick.now, Severity.WARNING, f"return: {stands}")
 
     def _at_its_start(self, peer: OtherAircraft) -> bool:
         starts = [agent.start for agent in self._plan.agents if agent.id == peer.id]
@@ -191,11 +198,11 @@ class Landing:
             for start in starts
         )
 
-    def land(self, tick: Tick, brake_s: float = 0.0) -> Goal:
+    def land(self, tick: Tick, brake_s: float = 0.0) -> Decision:
         """Stand still first, so that no agent drops its avoidance while it moves; then down in
         place."""
-        context, view, fix, now = self._context, tick.view, tick.fix, tick.now
-        if context.landing_s is None:
+        vehicle, view, fix, now = self._vehicle, tick.view, tick.fix, tick.now
+        if vehicle.landing_s is None:
             waited = now - self._begun_s
             slow = fix is not None and math.hypot(*fix.velocity_ned_mps[:2]) < _AT_REST_MPS
             over, crowded = bool(self._below(tick)), self._crowded(tick)
@@ -205,53 +212,49 @@ class Landing:
             braked = slow or now - max(self._begun_s, self._aside_s) > _BRAKE_AT_MOST_S
             if waited < brake_s or not braked or aside:
                 return self._hold(tick, ground=over and aside, room_m=self._room_m)
-            context.landing_s = now
+            vehicle.land(now)
             self._place_m = fix.position_ned_m[:2] if fix is not None else None
-        context.phase = Phase.LAND
-        context.controller.rest()
-        if view.on_ground and not view.armed and context.trigger is None:
-            context.trigger = self._elsewhere(tick)
-            context.progress.finish_step(now)
-        elif now - context.landing_s > LANDING_AT_MOST_S:
+        since_s = now if vehicle.landing_s is None else vehicle.landing_s
+        if view.on_ground and not view.armed and self._interruption.trigger is None:
+            self._judge_place(tick)
+            self._progress.finish_step(now)
+        elif now - since_s > LANDING_AT_MOST_S:
             why = f"not down after {LANDING_AT_MOST_S:g} s of landing"
-            context.trigger = failed(FailsafeAction.LAND, why)
+            self._interruption.go_over_to(failed(FailsafeAction.LAND, why))
             return self.end(now)
-        return LandGoal()
+        return Decision(LandGoal(), Phase.LAND)
 
-    def _elsewhere(self, tick: Tick) -> FailsafeTrigger | None:
+    def _judge_place(self, tick: Tick) -> None:
         """A vehicle that came down elsewhere than it was told has not done its step."""
         place, fix = self._place_m, tick.newest_fix
         off_m = math.dist(place, fix.position_ned_m[:2]) if place and fix is not None else 0.0
         if off_m <= MISPLACED_M:
-            return None
+            return
         home = self._way_back.stage is ReturnStage.DOWN and not self._way_back.blocked
         what = "its start" if home else "where its landing began"
         why = f"the vehicle landed {off_m:.1f} m from {what}"
-        self._context.say(tick.now, Severity.ERROR, why)
-        return failed(FailsafeAction.LAND, why)
+        self._log.say(tick.now, Severity.ERROR, why)
+        self._interruption.go_over_to(failed(FailsafeAction.LAND, why))
 
-    def end(self, now: float) -> Goal:
+    def end(self, now: float) -> Decision:
         """The flight is over: on the ground, or with nothing left to fly."""
-        context = self._context
-        context.phase = Phase.ENDED
-        context.ended_s = now
-        context.controller.rest()
-        context.reason = context.trigger.reason if context.trigger else ""
-        why = f" ({context.reason})" if context.reason else ""
-        context.say(now, Severity.INFO, f"ended: {context.outcome}{why}")
-        return ReleaseGoal()
+        self._vehicle.end(now)
+        reason = self._interruption.reason
+        why = f" ({reason})" if reason else ""
+        self._log.say(now, Severity.INFO, f"ended: {self._interruption.outcome}{why}")
+        return Decision(ReleaseGoal(), Phase.ENDED, reason)
 
     def _below(self, tick: Tick) -> list[OtherAircraft]:
         """The vehicles on the ground that are hardly farther than `r_in`: flown over, not landed
         on."""
-        own, law = complex(*self._context.controller.stop_point_m), self._plan.law
+        own, law = complex(*self._controller.stop_point_m), self._plan.law
         reach = law.r_in + _BESIDE * (law.r_out - law.r_in)
         near = tick.peers.near(own, reach * self._plan.unit_m)
         return [other for other in near if other.down]
 
     def _crowded(self, tick: Tick) -> bool:
         """A vehicle in the air is so near that the two may come under `r_in` while both land."""
-        own = complex(*self._context.controller.stop_point_m)
+        own = complex(*self._controller.stop_point_m)
         if self._stood is None:
             self._stood = self._standing(tick)
         for other in tick.peers.near(own, self._room_m):
@@ -266,26 +269,19 @@ class Landing:
         """The peers that stand as this agent does, as a planned landing begins. Who had to brake
         for an order wanders by more, also when it is slow again."""
         fix = tick.fix
-        ordered = self._context.trigger is not None
+        ordered = self._interruption.trigger is not None
         if ordered or fix is None or not _stands(fix.velocity_ned_mps):
             return frozenset()
         return frozenset(s.agent for s in tick.peers.fresh() if _stands(s.velocity_ned_mps))
 
-    def _hold(self, tick: Tick, *, ground: bool = False, room_m: float = 0.0) -> Goal:
-        self._context.phase = Phase.HOLD
-        if not tick.view.controlled and self._context.progress.step <= 1:
+    def _hold(self, tick: Tick, *, ground: bool = False, room_m: float = 0.0) -> Decision:
+        if not tick.view.controlled and self._progress.step <= 1:
             # still under the autopilot's own take-off
-            self._context.controller.rest()
-            return LandGoal() if tick.view.armed else StandbyGoal()
-        context, fix = self._context, tick.fix
-        if tick.view.on_ground and not context.flown:
+            return Decision(LandGoal() if tick.view.armed else StandbyGoal(), Phase.HOLD)
+        if tick.view.on_ground and not self._vehicle.flown:
             # its height errs by more than a climb needs: it would lift off
-            context.controller.rest()
-            return FlyGoal((0.0, 0.0, 0.0))
-        if fix is None:
-            return context.keep_clear(tick)
-        aside = context.controller.keep_clear(tick.peers, ground=ground, room_m=room_m)
-        return context.setpoint(tick.now, fix, aside)
+            return Decision(FlyGoal((0.0, 0.0, 0.0)), Phase.HOLD)
+        return Decision(KeepClear(ground, room_m), Phase.HOLD)
 
     def _on_ground(self, tick: Tick) -> bool:
         """The vehicle stands there disarmed."""
@@ -300,13 +296,14 @@ class Landing:
     def _begun_s(self) -> float:
         """When this way down began: with the trigger, with the mission's own step, or over the own
         start."""
-        context = self._context
-        since = context.trigger_s if context.trigger else context.progress.started_s
+        interruption = self._interruption
+        since = interruption.since_s if interruption.trigger else self._progress.started_s
         return max(since, self._home_s)
 
     def _cannot_return(self, tick: Tick) -> str:
         """Why the way back has to be given up, or ''."""
-        if self._context.trigger is not None and tick.now - self._begun_s > self._return_at_most_s:
+        stopped = self._interruption.trigger is not None
+        if stopped and tick.now - self._begun_s > self._return_at_most_s:
             return f"it took more than {self._return_at_most_s:.0f} s"
         if self._way_back.blocked:
             return "something stands in its way home"

@@ -9,24 +9,27 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from swarm_ctl.core.model.messages import StepOutcome, StepResult
-from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.plan import GroupPlan, Plan
 from swarm_ctl.core.model.steps.step import Step
 
 
-def step_name(plan: Plan, step: int) -> str:
-    """`prepare` for 0, then the mission file's own words (`form hexagon`); `?` beyond the plan."""
-    if not 0 <= step <= len(plan.steps):
+def step_name(of: Plan | GroupPlan, step: int) -> str:
+    """`prepare` for 0, then the mission file's own words (`form hexagon`); `?` beyond the last."""
+    if not 0 <= step <= len(of.steps):
         return "?"
-    return plan.steps[step - 1].title if step else "prepare"
+    return of.steps[step - 1].title if step else "prepare"
 
 
 class Progress:
-    """Where one agent is in the plan, and how each step went."""
+    """Where one agent is in its group's steps, and how each of them went.
 
-    def __init__(self, plan: Plan, now: float) -> None:
-        self._plan = plan
+    `prepare_timeout_s` bounds the wait for a healthy vehicle.
+    """
+
+    def __init__(self, group: GroupPlan, prepare_timeout_s: float, now: float) -> None:
+        self._group, self._prepare_timeout_s = group, prepare_timeout_s
         self.step = 0
-        """0 is preparation, k is `plan.steps[k - 1]`."""
+        """0 is preparation, k is `steps[k - 1]`."""
         self.done = False
         self.started_s = now
         self.paused_s = 0.0
@@ -34,9 +37,19 @@ class Progress:
         self.results: list[StepResult] = [StepResult("prepare", StepOutcome.RUNNING, now, None)]
 
     @property
+    def steps(self) -> tuple[Step, ...]:
+        """The group's."""
+        return self._group.steps
+
+    @property
     def current(self) -> Step | None:
         """The current step; None while preparing."""
-        return self._plan.steps[self.step - 1] if self.step else None
+        return self.steps[self.step - 1] if self.step else None
+
+    @property
+    def name(self) -> str:
+        """Of the current step."""
+        return step_name(self._group, self.step)
 
     @property
     def lands_in_place(self) -> bool:
@@ -56,7 +69,7 @@ class Progress:
     @property
     def finished(self) -> bool:
         """The last step is done."""
-        return self.done and self.step == len(self._plan.steps)
+        return self.done and self.step == len(self.steps)
 
     @property
     def timed_out_at(self) -> float:
@@ -65,7 +78,7 @@ class Progress:
         return (
             self.started_s
             + self.paused_s
-            + (self._plan.prepare_timeout_s if step is None else step.timeout_s)
+            + (self._prepare_timeout_s if step is None else step.timeout_s)
         )
 
     def finish_step(self, now: float, outcome: StepOutcome = StepOutcome.DONE) -> None:
@@ -88,18 +101,16 @@ class Progress:
         self.done = False
         self.started_s = now
         self.paused_s = 0.0
-        self.results.append(
-            StepResult(step_name(self._plan, self.step), StepOutcome.RUNNING, now, None)
-        )
+        self.results.append(StepResult(self.name, StepOutcome.RUNNING, now, None))
         return True
 
     def rejoin(self, step: int, now: float) -> None:
         """Start in the middle, at `step`: the peers prove that all steps before it are done."""
         self.step, self.done, self.started_s, self.paused_s = step, False, now, 0.0
         self.results = [
-            StepResult(step_name(self._plan, k), StepOutcome.DONE, now, None) for k in range(step)
+            StepResult(step_name(self._group, k), StepOutcome.DONE, now, None) for k in range(step)
         ]
-        self.results.append(StepResult(step_name(self._plan, step), StepOutcome.RUNNING, now, None))
+        self.results.append(StepResult(self.name, StepOutcome.RUNNING, now, None))
 
     def _close(self, outcome: StepOutcome, now: float) -> None:
         last = self.results[-1]

@@ -5,13 +5,17 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from swarm_ctl.core.agent.flight_context import FlightContext
+from swarm_ctl.core.agent.flight import Interruption, OwnVehicle
+from swarm_ctl.core.agent.group import Group
+from swarm_ctl.core.agent.steering import SetpointCount
 from swarm_ctl.core.agent.tick import Tick
+from swarm_ctl.core.control.controller import Controller
 from swarm_ctl.core.model.messages import (
     AgentStatus,
     Departure,
     Echo,
     LinkReport,
+    Phase,
     Refusal,
     RefusalReason,
     TickReport,
@@ -24,10 +28,16 @@ _SAID_AGAIN_S: Final = 10.0
 
 
 def status_report(
-    context: FlightContext,
     tick: Tick,
+    agent: int,
+    phase: Phase,
+    reason: str,
+    vehicle: OwnVehicle,
+    group: Group,
+    interruption: Interruption,
+    controller: Controller,
+    setpoints: SetpointCount,
     *,
-    formation_error_m: float | None,
     links: dict[int, LinkReport],
     loop: TickReport,
     bad_payloads: int,
@@ -38,9 +48,15 @@ def status_report(
     """Everything about an agent that is not needed every tick.
 
     Args:
-        context: the flight so far.
         tick: this tick.
-        formation_error_m: as the barrier measured it.
+        agent: its id.
+        phase: what it does.
+        reason: why it waits, holds or lands, or ''.
+        vehicle: what has become of its vehicle.
+        group: whom it flies with.
+        interruption: what stops the mission.
+        controller: its horizontal control.
+        setpoints: sent so far.
         links: the mesh link from each peer.
         loop: the control loop's punctuality.
         bad_payloads: mesh messages that were refused for what they are, so far.
@@ -48,37 +64,37 @@ def status_report(
         doubted: why, by peer of which a word was not believed of late.
         left: by which order this agent has left the formation.
     """
-    view, fix, now, controller = tick.view, tick.newest_fix, tick.now, context.controller
+    view, fix, now, trigger = tick.view, tick.newest_fix, tick.now, interruption.trigger
     nearest_agent, nearest_m = _nearest(tick.peers, fix.position_ned_m if fix else None)
     station_s, echo = tick.station_s, None
     if tick.station is not None:
         beacon, received_s = tick.station
         echo = Echo(beacon.station, beacon.time_s, now - received_s)
     return AgentStatus(
-        agent=context.agent,
+        agent=agent,
         time_s=now,
-        phase=context.phase,
-        step=context.progress.step,
-        done=context.progress.done,
-        reason=context.reason,
-        outcome=context.outcome,
+        phase=phase,
+        step=group.progress.step,
+        done=group.progress.done,
+        reason=reason,
+        outcome=interruption.outcome,
         mode=view.mode,
         armed=view.armed,
         airborne=not view.on_ground,
         battery_percent=view.battery_percent,
-        height_m=context.height(fix) if fix is not None else None,
-        formation_error_m=formation_error_m,
+        height_m=vehicle.height(fix) if fix is not None else None,
+        formation_error_m=group.formation_error_m,
         nearest_agent=nearest_agent,
         nearest_m=nearest_m,
         heartbeat_age_s=now - view.heartbeat_s if math.isfinite(view.heartbeat_s) else None,
         station_age_s=None if station_s is None else now - station_s,
-        setpoints=context.setpoints.count,
-        setpoint_rate_hz=context.setpoints.rate_hz,
-        neighbours=context.neighbourhood.heard(tick.peers),
+        setpoints=setpoints.count,
+        setpoint_rate_hz=setpoints.rate_hz,
+        neighbours=group.neighbourhood.heard(tick.peers),
         sigma_tally=controller.tally,
         overspeed_ticks=controller.overspeed_ticks,
         links=links,
-        steps=tuple(context.progress.results),
+        steps=tuple(group.progress.results),
         tick=loop,
         bad_payloads=bad_payloads,
         vehicle_link=_link_report(view),
@@ -86,10 +102,10 @@ def status_report(
         gains=controller.gains,
         position_accuracy_m=view.position_accuracy_m,
         safety=controller.safety_filter.report(),
-        roles=tuple(context.slot_exchange.taken),
+        roles=tuple(group.slot_exchange.taken),
         own=view.own,
-        action=context.trigger.action if context.trigger else None,
-        cause=context.trigger.cause if context.trigger else None,
+        action=trigger.action if trigger else None,
+        cause=trigger.cause if trigger else None,
         left=left,
         refused=refused,
         doubted=doubted or {},

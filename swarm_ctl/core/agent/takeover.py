@@ -32,16 +32,16 @@ import math
 from typing import Final
 
 from swarm_ctl.core.agent.failsafes import FailsafeTrigger, failed
-from swarm_ctl.core.agent.flight_context import FlightContext
+from swarm_ctl.core.agent.flight import Interruption, Log, OwnVehicle
+from swarm_ctl.core.agent.group import Group
 from swarm_ctl.core.agent.preflight import Preflight
-from swarm_ctl.core.agent.progress import step_name
+from swarm_ctl.core.agent.steering import Decision, KeepClear
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import AgentState, Phase, Severity
 from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S
-from swarm_ctl.core.model.vehicle import FlyGoal, VehicleView
-from swarm_ctl.core.swarm.snapshot import PeerSnapshot
+from swarm_ctl.core.model.vehicle import VehicleView
 
 EVIDENCE_S: Final = 5.0
 """Heartbeats come once a second, lost parameter answers are asked for again after one, and a mesh
@@ -59,9 +59,17 @@ _DECIDED: Final = frozenset({FailsafeAction.LEAVE, FailsafeAction.YIELD, Failsaf
 class Takeover:
     """One agent's way from a vehicle found in the air to the mission, or away from it."""
 
-    def __init__(self, context: FlightContext, preflight: Preflight) -> None:
-        self._plan = context.plan
-        self._context = context
+    def __init__(
+        self,
+        agent: int,
+        vehicle: OwnVehicle,
+        group: Group,
+        interruption: Interruption,
+        log: Log,
+        preflight: Preflight,
+    ) -> None:
+        self._agent, self._log = agent, log
+        self._vehicle, self._group, self._interruption = vehicle, group, interruption
         self._preflight = preflight
         self._since: float | None = None
         self._double_s = -math.inf
@@ -77,24 +85,24 @@ class Takeover:
 
     def hear(self, state: AgentState, received_s: float) -> None:
         """A state with our own id comes from another process."""
-        if state.agent == self._context.agent:
+        if state.agent == self._agent:
             self._double_s = received_s
 
     def pending(self, view: VehicleView) -> bool:
         """The vehicle is in the air, not by our doing, and nothing is decided yet."""
-        context = self._context
-        decided = context.trigger is not None and context.trigger.action in _DECIDED
-        found = view.armed and not view.on_ground and not context.ours
-        return found and not decided and context.progress.step == 0
+        trigger = self._interruption.trigger
+        decided = trigger is not None and trigger.action in _DECIDED
+        found = view.armed and not view.on_ground and not self._vehicle.ours
+        return found and not decided and self._group.progress.step == 0
 
     def look(self, tick: Tick) -> str:
         """One tick of looking: takes over, or fires a trigger that is carried out from the next
         tick on. Returns why it waits, or ''."""
-        context, now, fix = self._context, tick.now, tick.fix
+        now, fix = tick.now, tick.fix
         self._since = now if self._since is None else self._since
-        flying = self._flying(tick.peers)
+        flying = self._flying(tick)
         if flying and not self._may_follow(tick.view, flying):
-            context.arming_s = now
+            self._vehicle.leave(now)
             return self._decide(tick, _not_followed(tick.view))
         missing = self._missing(tick, flying)
         if not missing and fix is not None and now - self._since >= NEIGHBOUR_S:
@@ -107,33 +115,28 @@ class Takeover:
             f"the vehicle is in the air; {missing or 'listening for another process that flies it'}"
         )
 
-    def learning(self, tick: Tick, override: int) -> FlyGoal | None:
-        """The setpoint while a vehicle that was just taken over is held; None: fly on.
+    def learning(self, tick: Tick, override: int) -> Decision | None:
+        """While a vehicle that was just taken over is held; None: fly on.
 
         `override` is the tag of the command that this agent carries out.
         """
         if self._step < 0:
             return None
         self._follow_hold(tick)
-        foreign = any(s.override not in (0, override) for s in self._flying(tick.peers))
+        foreign = any(s.override not in (0, override) for s in self._flying(tick))
         if self._learn_until is None or (tick.now >= self._learn_until and not foreign):
             self._learn_until = None
             return None
-        context = self._context
-        context.phase = Phase.HOLD
-        context.reason = (
-            "waits for the operator's command to end"
-            if foreign
-            else "taken over: holds while it learns"
-        )
-        return context.keep_clear(tick)
+        waits = "waits for the operator's command to end"
+        reason = waits if foreign else "taken over: holds while it learns"
+        return Decision(KeepClear(), Phase.HOLD, reason)
 
     # --- the evidence ---
 
     def _missing(self, tick: Tick, flying: list[AgentState]) -> str:
         view, fix = tick.view, tick.fix
         if tick.now - self._double_s <= NEIGHBOUR_S:
-            return f"another process speaks as agent {self._context.agent}"
+            return f"another process speaks as agent {self._agent}"
         other_plan = self._preflight.other_plan(tick.peers, None)
         if other_plan:
             return other_plan
@@ -149,20 +152,21 @@ class Takeover:
             return f"it moves at {speed:.1f} m/s: a pilot may fly it"
         return ""
 
-    def _flying(self, peers: PeerSnapshot) -> list[AgentState]:
-        """The newest states of the peers that fly this mission."""
+    def _flying(self, tick: Tick) -> list[AgentState]:
+        """The newest states of the members that fly this mission."""
+        steps = len(self._group.progress.steps)
         return [
             state
-            for state in peers.fresh()
+            for state in tick.members.fresh()
             if state.plan_hash == self._preflight.plan_hash
             and state.airborne
             and state.left is None
             and state.phase in _IN_THE_AIR
-            and 0 < state.step <= len(self._plan.steps)
+            and 0 < state.step <= steps
         ]
 
     def _may_follow(self, view: VehicleView, flying: list[AgentState]) -> bool:
-        step = self._plan.steps[_step_of(flying) - 1]
+        step = self._group.progress.steps[_step_of(flying) - 1]
         if step.lands_in_place and view.landing:
             return True
         return view.controlled
@@ -170,46 +174,38 @@ class Takeover:
     # --- what comes of it ---
 
     def _decide(self, tick: Tick, trigger: FailsafeTrigger) -> str:
-        self._context.heed(tick, trigger)
+        self._interruption.heed(tick, trigger)
         return trigger.reason
 
     def _take(self, tick: Tick, fix: OwnFix, flying: list[AgentState]) -> None:
-        context, plan, now = self._context, self._plan, tick.now
+        vehicle, progress, now = self._vehicle, self._group.progress, tick.now
         step = _step_of(flying)
-        context.arming_s, context.was_armed = now, True
-        context.ground_m = fix.height_m - _height_above_home(tick.view, fix)
-        heights = [up_m for each in plan.steps[:step] if (up_m := each.climbs_to_m) is not None]
-        height_m = heights[-1] if heights else context.height(fix)
-        context.target_height_m = context.planned_height_m = height_m
-        context.slot_exchange.rejoin(now)
+        vehicle.take_over(now, fix.height_m - _height_above_home(tick.view, fix))
+        heights = [up_m for each in progress.steps[:step] if (up_m := each.climbs_to_m) is not None]
+        vehicle.climb_to(heights[-1] if heights else vehicle.height(fix))
+        self._group.slot_exchange.rejoin(now)
         self._rejoin(now, step, flying)
-        text = f"took over its vehicle in the air; rejoins at step {step}: {step_name(plan, step)}"
-        context.say(now, Severity.WARNING, text)
+        text = f"took over its vehicle in the air; rejoins at step {step}: {progress.name}"
+        self._log.say(now, Severity.WARNING, text)
         own = tick.view.own
         if own is None or all(value.own in value.ours for value in own.values.values()):
             text = "the vehicle's own failsafe parameters are not known any more: it keeps ours"
-            context.say(now, Severity.WARNING, text)
+            self._log.say(now, Severity.WARNING, text)
 
     def _rejoin(self, now: float, step: int, flying: list[AgentState]) -> None:
         """Go on at this step, with the formation as the peers have it."""
-        context, plan = self._context, self._plan
         self._step = step
-        context.progress.rejoin(step, now)
-        for each in plan.steps[:step]:
-            if each.new_shape is not None:
-                context.begin_form(each.new_shape)
-        in_step = [state for state in flying if state.step == step]
-        if in_step:
-            context.reference.join(min(in_step, key=lambda state: state.agent).frame)
-        if plan.steps[step - 1].flies_formation:
+        self._group.rejoin(now, step, flying)
+        current = self._group.progress.current
+        if current is not None and current.flies_formation:
             self._learn_until = now + LEARN_S
 
     # --- a vehicle that a pilot gives back ---
 
     def not_given_back(self, view: VehicleView) -> str:
         """Why an agent that yielded cannot take its vehicle again, or ''."""
-        trigger, agent = self._context.trigger, f"agent {self._context.agent}"
-        if trigger is None or trigger.action is not FailsafeAction.YIELD or not self._context.ours:
+        trigger, agent = self._interruption.trigger, f"agent {self._agent}"
+        if trigger is None or trigger.action is not FailsafeAction.YIELD or not self._vehicle.ours:
             return f"{agent} does not fly this vehicle any more"
         if not view.armed or view.on_ground:
             return f"the vehicle of {agent} is not in the air"
@@ -220,32 +216,31 @@ class Takeover:
 
     def take_back(self, tick: Tick) -> None:
         """By the operator's word: hold for `LEARN_S`, then fly the swarm's step."""
-        context, flying = self._context, self._flying(tick.peers)
-        context.trigger = None
-        context.sunk_since_s, context.at_height = None, False  # it flew where the pilot liked
-        context.target_height_m = context.planned_height_m
-        step = max([context.progress.step, *(state.step for state in flying)])
+        progress, flying = self._group.progress, self._flying(tick)
+        self._interruption.lift()
+        self._vehicle.take_back()
+        step = max([progress.step, *(state.step for state in flying)])
         self._rejoin(tick.now, step, flying)
-        text = f"takes its vehicle again; goes on at step {step}: {step_name(self._plan, step)}"
-        context.say(tick.now, Severity.WARNING, text)
-        if tick.peers.peers and not flying:
+        text = f"takes its vehicle again; goes on at step {step}: {progress.name}"
+        self._log.say(tick.now, Severity.WARNING, text)
+        if tick.members.peers and not flying:
             why = "no other agent flies the mission any more"
-            context.heed(tick, failed(FailsafeAction.LAND, why, Cause.PEER))
+            self._interruption.heed(tick, failed(FailsafeAction.LAND, why, Cause.PEER))
 
     def catch_up(self, tick: Tick) -> None:
         """After a command that held this agent for so long that the others went on without it."""
-        flying = self._flying(tick.peers)
-        if flying and _step_of(flying) > self._context.progress.step:
+        flying = self._flying(tick)
+        if flying and _step_of(flying) > self._group.progress.step:
             self._rejoin(tick.now, _step_of(flying), flying)
 
     def _follow_hold(self, tick: Tick) -> None:
         """This agent has not seen the beginning of a hold step: the step is over when a peer says
         so."""
-        progress = self._context.progress
+        progress = self._group.progress
         step = progress.current
         if progress.step != self._step or step is None or step.lasts_s is None:
             return
-        if any((s.step, s.done) >= (self._step, True) for s in self._flying(tick.peers)):
+        if any((s.step, s.done) >= (self._step, True) for s in self._flying(tick)):
             progress.finish_step(tick.now)
 
 

@@ -8,7 +8,7 @@ from dataclasses import field
 from typing import TypeAlias
 
 from swarm_ctl.core.control.navigation import OwnFix
-from swarm_ctl.core.model.messages import StationBeacon
+from swarm_ctl.core.model.messages import Phase, StationBeacon
 from swarm_ctl.core.model.rows import row
 from swarm_ctl.core.model.timeouts import OWN_FIX_S
 from swarm_ctl.core.model.vehicle import VehicleView
@@ -56,6 +56,19 @@ class Tick:
     peers: PeerSnapshot
     station: HeardStation | None = None
     attention: Attention = field(default_factory=Attention)
+    group: frozenset[int] | None = None
+    """The agents of the own group; None: all."""
+    before: Phase = Phase.CONNECT
+    """What the agent did in the tick before."""
+
+    @property
+    def members(self) -> PeerSnapshot:
+        """The peers of the own group, and no traffic."""
+        if self.group is None:
+            return self.peers
+        return PeerSnapshot(
+            self.peers.now_s, tuple(p for p in self.peers.peers if p.id in self.group)
+        )
 
     @property
     def vehicle_silent_s(self) -> float:

@@ -22,10 +22,10 @@ from swarm_ctl.core.control.frame_bounds import FrameBounds, Places
 from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.geometry import Point, centred, mean_of, turned
 from swarm_ctl.core.model.messages import AgentState, Phase
-from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.plan import GroupPlan, Plan
 from swarm_ctl.core.model.steps.step import Path, Step
 from swarm_ctl.core.model.timeouts import PREDICT_S
-from swarm_ctl.core.swarm.snapshot import PeerSnapshot
+from swarm_ctl.core.swarm.snapshot import FormationKey, PeerSnapshot
 
 _SLOW_SPAN_M: Final = 2.0
 """The frame slows down as the error exceeds the step's tolerance, and stops at this much more."""
@@ -58,13 +58,13 @@ def rate_towards(
 class Reference:
     """One agent's view of the shared frame, tick by tick."""
 
-    def __init__(self, plan: Plan, own_id: int) -> None:
-        self._plan = plan
+    def __init__(self, plan: Plan, group: GroupPlan, own_id: int) -> None:
+        self._plan, self._ids = plan, group.ids
         self._own = own_id
         self._places: tuple[Point, ...] = ()
-        """The newest shape's slots, centred, in the plan's order [units]."""
+        """The newest shape's slots, centred, in the group's order [units]."""
         self._indices: Mapping[int, int] | None = None
-        """Slot index of each agent; None: in the plan's order."""
+        """Slot index of each agent; None: in the group's order."""
         self._slots: dict[int, Point] = {}
         self.radius_m = 0.0
         """Of the newest shape at scale 1."""
@@ -100,8 +100,8 @@ class Reference:
     def form(self, slots: Sequence[Point], indices: Mapping[int, int] | None = None) -> None:
         """Begin a form step: the law alone decides where the shape will stand.
 
-        `indices` gives the index in `slots` of each agent; None: the plan's k-th agent has the
-        k-th slot, and exchanges do not change that.
+        `indices` gives the index in `slots` of each agent; None: the group's k-th agent has
+        the k-th slot, and exchanges do not change that.
         """
         self._places = centred(slots)
         self.radius_m = max(math.hypot(*slot) for slot in self._places) * self._plan.unit_m
@@ -117,9 +117,8 @@ class Reference:
             self._give_out()
 
     def _give_out(self) -> None:
-        ids = [agent.id for agent in self._plan.agents]
-        indices = self._indices or {agent: k for k, agent in enumerate(ids)}
-        self._slots = {agent: self._places[indices[agent]] for agent in ids}
+        indices = self._indices or {agent: k for k, agent in enumerate(self._ids)}
+        self._slots = {agent: self._places[indices[agent]] for agent in self._ids}
 
     def begin(self, leg: int = 0) -> None:
         """Begin another kind of step from where the frame is."""
@@ -136,7 +135,7 @@ class Reference:
         self,
         peers: PeerSnapshot,
         step: Step,
-        key: tuple[int, int],
+        key: FormationKey,
         own_m: Point,
         error_m: float | None,
         *,
@@ -144,7 +143,7 @@ class Reference:
     ) -> None:
         """One tick of a step that keeps the formation.
 
-        `key` is the own (step, command): the frame of a pinned agent at another one stands still.
+        `key` is the own formation's: the frame of a pinned agent at another one stands still.
         `own_m` is the own stop point. `free`: this agent may be the pinned one.
         """
         self.doubted = None
@@ -152,7 +151,7 @@ class Reference:
         self.pinned = leader.agent if leader is not None else self._own
         if leader is None:
             self._lead(peers, step, own_m, error_m)
-        elif (leader.step, leader.override) == key and leader.frame is not None:
+        elif (leader.step, leader.override) == key[1:] and leader.frame is not None:
             why = self._doubt(leader, leader.frame, step, peers, own_m)
             if why:
                 self.doubted = (leader.agent, why)

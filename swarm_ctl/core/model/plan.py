@@ -129,6 +129,21 @@ class AgentPlan:
 
 
 @dataclass(frozen=True, slots=True)
+class GroupPlan:
+    """Agents, sorted by id, that fly the same steps: with a barrier, a shape, a frame, a graph and
+    roles of their own."""
+
+    name: str
+    agents: tuple[AgentPlan, ...]
+    steps: tuple[AnyStep, ...]
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        """Of its agents."""
+        return tuple(agent.id for agent in self.agents)
+
+
+@dataclass(frozen=True, slots=True)
 class Plan:
     """A whole mission, checked. `agents` is sorted by id; `prepare_timeout_s` bounds the wait for a
     healthy vehicle."""
@@ -148,6 +163,11 @@ class Plan:
     steps: tuple[AnyStep, ...]
     fence: Fence | None
     safety: Safety
+
+    @property
+    def group(self) -> GroupPlan:
+        """All agents, who fly all steps together."""
+        return GroupPlan("all", self.agents, self.steps)
 
     def agent(self, agent_id: int) -> AgentPlan:
         """The part of `agent_id`; KeyError where the plan has no such agent."""

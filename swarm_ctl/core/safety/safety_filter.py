@@ -19,7 +19,7 @@ from swarm_ctl.core.safety.constraints import Margins
 from swarm_ctl.core.safety.deadlock import SWIRL_OFF, DeadlockRelease, swirled
 from swarm_ctl.core.safety.velocity_qp import Plane, relaxed
 from swarm_ctl.core.safety.wish import limited
-from swarm_ctl.core.swarm.snapshot import Formation, OtherAircraft, PeerSnapshot
+from swarm_ctl.core.swarm.snapshot import Formation, FormationKey, OtherAircraft, PeerSnapshot
 
 
 @row
@@ -124,10 +124,7 @@ class SafetyFilter:
         return limited(flown, self._margins.speed) if moving else flown
 
     def _keep_outs(
-        self,
-        near: list[tuple[OtherAircraft, complex]],
-        key: tuple[int, int] | None,
-        moving: complex,
+        self, near: list[tuple[OtherAircraft, complex]], key: FormationKey | None, moving: complex
     ) -> _KeepOuts:
         """The keep-outs for velocities less the common one, `moving`."""
         margins, estimate = self._margins, self.estimate

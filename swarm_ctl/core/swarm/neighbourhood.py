@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.model.messages import Severity
-from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.plan import GroupPlan
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
@@ -15,11 +15,11 @@ from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 class Neighbourhood:
     """One agent's knowledge of the graph. What it has to say comes out as (severity, text)."""
 
-    def __init__(self, plan: Plan, own_id: int) -> None:
+    def __init__(self, group: GroupPlan, own_id: int) -> None:
         self._own_id = own_id
-        self._ids = tuple(agent.id for agent in plan.agents)
+        self._ids = group.ids
         self._planned: Mapping[int, tuple[int, ...]] = {
-            agent.id: agent.neighbours for agent in plan.agents
+            agent.id: tuple(j for j in agent.neighbours if j in group.ids) for agent in group.agents
         }
         self._lost: frozenset[int] = frozenset()
         self._heard: tuple[int, ...] = self._planned[own_id]
@@ -30,11 +30,11 @@ class Neighbourhood:
         """N_i of this agent, heard or not."""
 
     def heard(self, peers: PeerSnapshot) -> tuple[int, ...]:
-        """N_i now: the neighbours that are heard, in the plan's order."""
+        """N_i now: the neighbours that are heard, in the group's order."""
         return tuple(peer.id for peer in peers.peers if peer.followed and peer.id in self.own)
 
     def choose(self, neighbours: Iterable[tuple[int, ...]]) -> None:
-        """A step brings a graph of its own, in the order of the plan's agents."""
+        """A step brings a graph of its own, in the order of the group's agents."""
         self._planned = dict(zip(self._ids, neighbours, strict=True))
         self._apply()
         self._heard = tuple(sorted(self.own))

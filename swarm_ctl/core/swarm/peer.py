@@ -66,6 +66,8 @@ class Peer:
     id: int
     clock: PeerClock
     limits: Limits
+    group: str = ""
+    """The own one, if it is a member."""
     state: AgentState | None = None
     """The newest one that is believed."""
     received_s: float = -math.inf
@@ -145,7 +147,9 @@ class Peer:
             fresh,
             age_s <= NEIGHBOUR_S + late_s and heard,
             age_s <= FRESH_S and heard and state.phase in _YIELDING and not suspect,
-            (state.step, state.override) if fresh and state.phase is Phase.FLY else None,
+            (self.group, state.step, state.override)
+            if fresh and state.phase is Phase.FLY
+            else None,
             self.limits.counted_s(state.response_s),
             self.clock.unknown_s is not None,
             "ends" in says and self._lasts("ends", now),

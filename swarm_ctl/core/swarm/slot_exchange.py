@@ -1,7 +1,7 @@
 """One agent's part in slot exchange (`core/swarm/exchange_protocol.py`): which agent flies to which
 slot, and the own offers and answers.
 
-A *role* is a place in the plan's list of agents: role k flies to the k-th slot of each mission
+A *role* is a place in the group's list of agents: role k flies to the k-th slot of each mission
 step. Each agent begins with its own; an exchange swaps two, for this step and all that follow. New
 exchanges begin only in form steps that allow them, and only between agents that are not done; an
 exchange that has begun is brought to its end in any step that flies a formation. An operator's
@@ -17,7 +17,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from swarm_ctl.core.model.messages import AgentState, ExchangeState, Phase
-from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.model.plan import GroupPlan, Plan, Point
 from swarm_ctl.core.model.timeouts import FRESH_S, PREDICT_S
 from swarm_ctl.core.swarm.exchange_protocol import (
     EVERY_S,
@@ -27,6 +27,7 @@ from swarm_ctl.core.swarm.exchange_protocol import (
     ExchangeStates,
 )
 from swarm_ctl.core.swarm.peers import Peers
+from swarm_ctl.core.swarm.snapshot import FormationKey
 
 _FIELDS: Final = tuple(ExchangeStates.__dataclass_fields__)
 _ROW: Final = attrgetter(*_FIELDS)
@@ -40,10 +41,10 @@ class SlotExchange:
     """Knows the roles as they are heard, and exchanges for one agent. Call `hear` and `look` every
     tick."""
 
-    def __init__(self, plan: Plan, own_id: int, peers: Peers) -> None:
+    def __init__(self, plan: Plan, group: GroupPlan, own_id: int, peers: Peers) -> None:
         self._unit_m = plan.unit_m
         self._r = plan.law.r
-        self._ids = tuple(agent.id for agent in plan.agents)
+        self._ids = group.ids
         self._places = {agent: place for place, agent in enumerate(self._ids)}
         self._own, self._place = own_id, self._places[own_id]
         self._peers = peers
@@ -70,7 +71,7 @@ class SlotExchange:
         known, roles = self._heard_of, {self._own: self.exchange.role}
         for peer in self._peers:
             state, before = peer.state, known.get(peer.id)
-            if state is None or state is before:
+            if state is None or state is before or peer.id not in self._places:
                 continue
             known[peer.id] = state
             if before is None or state.exchange is not before.exchange:
@@ -129,14 +130,14 @@ class SlotExchange:
         return self._said[to].version != own.answer_version or self._age(to, now) > GONE_S
 
     def look(
-        self, now: float, own_m: Point, flying: tuple[int, int], links: Links, *, new: bool
+        self, now: float, own_m: Point, flying: FormationKey, links: Links, *, new: bool
     ) -> int | None:
         """Take part, if it is time. The agent whose slot becomes ours; None where ours stays.
 
         Args:
             now: mission time [s].
             own_m: own stop point.
-            flying: the own (step, override); agents that fly another one take no part.
+            flying: what this agent flies; those that fly something else take no part.
             links: N_i of every agent by id.
             new: offers may be made and taken.
         """
@@ -203,7 +204,7 @@ class SlotExchange:
         return False
 
     def _heard(
-        self, now: float, flying: tuple[int, int]
+        self, now: float, flying: FormationKey
     ) -> tuple[np.ndarray, ExchangeStates, np.ndarray, np.ndarray]:
         """Points (2, 1, n, 1) [units], what was said, its age and whether it counts (1, n, 1), in
         the plan's order."""
@@ -223,7 +224,7 @@ class SlotExchange:
         ahead = track[:2] + track[2:] * np.minimum(age, PREDICT_S)
         points[:, 0, places, 0] = ahead / self._unit_m
         age_s[0, places, 0] = age
-        same = [(s.step, s.override) == flying and s.phase is Phase.FLY for s in states]
+        same = [(s.step, s.override) == flying[1:] and s.phase is Phase.FLY for s in states]
         late = [self._peers.late_s(agent, now) for agent in self._heard_of]
         fresh[0, places, 0] = np.array(same) & (age <= FRESH_S + np.array(late))
         return points, told, age_s, fresh

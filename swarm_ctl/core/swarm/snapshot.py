@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 from swarm_ctl.core.model.messages import AgentState, CommandKind, Phase
 from swarm_ctl.core.model.plan import Point
@@ -20,6 +20,9 @@ _HEIGHT_DOUBT_M: Final = 0.5
 """Agents know two vehicles' own estimates of height; the judge goes by the true ones."""
 TRAFFIC: Final = 0
 """The id of an aircraft that the traffic sensor sees and no peer on the mesh explains."""
+
+FormationKey: TypeAlias = tuple[str, int, int]
+"""The group, its step, and the tag of the command that is flown in place of that, or 0."""
 
 
 class OtherAircraft(NamedTuple):
@@ -44,7 +47,7 @@ class OtherAircraft(NamedTuple):
     """Its state is at most `NEIGHBOUR_S` old: it may be a neighbour."""
     yields: bool = False
     """It does its half of keeping apart."""
-    formation: tuple[int, int] | None = None
+    formation: FormationKey | None = None
     """The (step, override) whose formation it flies; None: none, or its state is not fresh."""
     response_s: float = 0.0
     """From a setpoint to its flown velocity, as it tells; 0: it tells none."""
@@ -74,10 +77,12 @@ class OtherAircraft(NamedTuple):
         """Of its state at `now` [s]."""
         return now - self.true_s if self.far else self.age_s
 
-    def elsewhere(self, key: tuple[int, int] | None) -> bool:
+    def elsewhere(self, key: FormationKey | None) -> bool:
         """It flies another step or command than `key`, by its newest state."""
         told = self.state
-        return told is not None and told.phase is Phase.FLY and (told.step, told.override) != key
+        if told is None or told.phase is not Phase.FLY:
+            return False
+        return key is None or (told.step, told.override) != key[1:]
 
     @property
     def silent_s(self) -> float:
@@ -157,8 +162,8 @@ class Formation:
     """N_i as chosen, heard or not."""
     velocity: complex = 0j
     """The velocity that all of the formation share."""
-    key: tuple[int, int] | None = None
-    """The (step, override) that peers of the same formation tell; None: no formation."""
+    key: FormationKey | None = None
+    """What peers of the same formation fly; None: no formation."""
     spin: complex = 0j
     """How it grows and turns about its centre [1/s] (`Reference.spin`)."""
 

@@ -11,12 +11,17 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, Final
 
-from swarm_ctl.core.agent.flight_context import FlightContext
+from swarm_ctl.core.agent.flight import Interruption, Log, OwnVehicle
+from swarm_ctl.core.agent.group import Group
+from swarm_ctl.core.agent.landing import Landing
+from swarm_ctl.core.agent.preflight import Preflight
 from swarm_ctl.core.agent.progress import Progress
+from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch
+from swarm_ctl.core.agent.steering import Decision, Steering
+from swarm_ctl.core.agent.takeover import Takeover
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.controller import Controller
-from swarm_ctl.core.control.navigation import OwnFix
-from swarm_ctl.core.control.reference import Reference
+from swarm_ctl.core.control.navigation import Navigator, OwnFix
 from swarm_ctl.core.model.messages import AgentState, Event, Phase, StationBeacon
 from swarm_ctl.core.model.plan import (
     AgentPlan,
@@ -37,10 +42,8 @@ from swarm_ctl.core.model.steps.return_ import ReturnStep
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S
-from swarm_ctl.core.model.vehicle import GlobalFix, LocalFix, VehicleView
-from swarm_ctl.core.swarm.neighbourhood import Neighbourhood
+from swarm_ctl.core.model.vehicle import GlobalFix, Goal, LocalFix, VehicleView
 from swarm_ctl.core.swarm.peers import Peers
-from swarm_ctl.core.swarm.slot_exchange import SlotExchange
 from swarm_ctl.core.swarm.snapshot import OtherAircraft, PeerSnapshot
 
 NOW: Final = 1000.0
@@ -50,6 +53,7 @@ HEIGHT_M: Final = 8.0
 ORIGIN: Final = Geodetic(47.4, 8.5, 400.0)
 SLOTS: Final = ((0.0, 0.0), (0.0, 5.0), (0.0, 10.0))
 TAKEOFF, FORM, HOLD, MOVE, LAST = 1, 2, 3, 4, 5
+GROUP: Final = "all"
 
 FORMING: Final = FormStep("row", SLOTS, tolerance_m=0.5, settle_s=2.0, timeout_s=60.0)
 MOVING: Final = MoveStep(((20.0, 10.0),), 2.0, tolerance_m=0.5, settle_s=2.0, timeout_s=60.0)
@@ -162,7 +166,7 @@ def peer(agent: int, age_s: float = 0.1, **changes: Any) -> OtherAircraft:
         fresh,
         age_s <= NEIGHBOUR_S,
         fresh and told.phase in (Phase.FLY, Phase.HOLD, Phase.RETURN),
-        (told.step, told.override) if fresh and told.phase is Phase.FLY else None,
+        (GROUP, told.step, told.override) if fresh and told.phase is Phase.FLY else None,
         ends=told.phase in (Phase.LAND, Phase.YIELD, Phase.ENDED, Phase.RETURN),
         left=told.left,
         down=told.down,
@@ -201,7 +205,7 @@ def progress(
     of: Plan, step: int = HOLD, *, done: bool = False, started_s: float = NOW - 10.0
 ) -> Progress:
     """An agent in this step."""
-    made = Progress(of, started_s)
+    made = Progress(of.group, of.prepare_timeout_s, started_s)
     if step:
         made.rejoin(step, started_s)
     if done:
@@ -209,27 +213,51 @@ def progress(
     return made
 
 
-def context(of: Plan | None = None, step: int = HOLD, **changes: Any) -> FlightContext:
-    """The record of a flight in which agent 1 armed its vehicle and controls it."""
-    of = of or plan()
-    made = FlightContext(
-        of,
-        OWN,
-        Controller(of, OWN, of.response),
-        progress(of, step),
-        Reference(of, OWN),
-        Neighbourhood(of, OWN),
-        SlotExchange(of, OWN, Peers(of, OWN)),
-        phase=Phase.FLY,
-        arming_s=NOW - 60.0,
-        was_armed=True,
-        had_control=True,
-        target_height_m=HEIGHT_M,
-        planned_height_m=HEIGHT_M,
-    )
-    for name, value in changes.items():
-        setattr(made, name, value)
-    return made
+class Own:
+    """The flight of agent 1, which armed its vehicle and controls it: what lasts from tick to tick,
+    and the real parts around that. `changes` are the vehicle's."""
+
+    def __init__(self, of: Plan | None = None, step: int = HOLD, **changes: Any) -> None:
+        self.plan = of = of or plan()
+        self.phase, self.reason = Phase.FLY, ""
+        self.log = Log(OWN)
+        self.vehicle = OwnVehicle(
+            **{
+                "arming_s": NOW - 60.0,
+                "was_armed": True,
+                "had_control": True,
+                "target_height_m": HEIGHT_M,
+                "planned_height_m": HEIGHT_M,
+                **changes,
+            }
+        )
+        self.group = Group(of, of.group, OWN, Peers(of, OWN), NOW - 10.0, self.log)
+        self.progress = self.group.progress
+        if step:
+            self.progress.rejoin(step, NOW - 10.0)
+        self.interruption = Interruption(self.vehicle, self.progress, self.log)
+        self.controller = Controller(of, OWN, of.response)
+        self.steering = Steering(self.controller, self.vehicle, of.limits)
+        self.preflight = Preflight(
+            of, of.agent(OWN), of.hash(), Navigator(of.origin), False, of.response
+        )
+        parts = self.vehicle, self.group, self.interruption, self.log
+        self.takeover = Takeover(OWN, *parts, self.preflight)
+        self.landing = Landing(of, *parts, self.controller, ReturnToLaunch(of, OWN))
+
+    def tick(self, *peers: OtherAircraft, **seen: Any) -> Tick:
+        """One tick of this agent; the controller knows where it is."""
+        one = replace(tick(*peers, **seen), before=self.phase)
+        if one.fix is not None:
+            self.controller.locate(one.fix, one.now)
+        return one
+
+    def act(self, one: Tick, decision: Decision) -> Goal:
+        """The vehicle's goal by this decision."""
+        stopped = self.interruption.reason
+        self.phase = decision.phase
+        self.reason = stopped if decision.reason is None else decision.reason
+        return self.steering.fly(one, decision.course)
 
 
 def texts(events: Iterable[Event]) -> list[str]:

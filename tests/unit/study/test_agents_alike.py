@@ -64,7 +64,7 @@ def peer(
     fresh, followed = age_s <= FRESH_S + late_s, age_s <= NEIGHBOUR_S + late_s
     return OtherAircraft(
         *(IDS[i], state, complex(*at), complex(*at), complex(*setpoint), age_s, age_s),
-        *(fresh, followed, age_s <= FRESH_S, (1, 0) if fresh else None),
+        *(fresh, followed, age_s <= FRESH_S, ("all", 1, 0) if fresh else None),
         response_s=response_s,
         far=late_s > 0.0,
         true_s=-age_s,
@@ -86,7 +86,7 @@ def formation(flight: _BatchFlight, i: int, k: int) -> Formation:
     slots: dict[int, Point] = {IDS[j]: (told[0, j], told[1, j]) for j in range(told.shape[1])}
     slots[IDS[i]] = (flight._slots[0, i, k], flight._slots[1, i, k])
     near = frozenset(IDS[j] for j in np.flatnonzero(flight._neighbours[i, :, k]))
-    return Formation(slots, near, 0j, (1, 0))
+    return Formation(slots, near, 0j, ("all", 1, 0))
 
 
 @pytest.mark.parametrize(
@@ -221,7 +221,7 @@ def test_a_study_exchanges_what_agents_exchange(seed: int) -> None:
     study, channel = BatchSlotExchange(batch), LossyChannel(batch, tick_s)
     plan = replace(HEXAGON, unit_m=1.0, law=batch.cell.law)
     told = {(i, k): _Told(IDS[i]) for i in range(N) for k in range(MISSIONS)}
-    agents = {(i, k): SlotExchange(plan, IDS[i], told[i, k]) for i, k in told}  # type: ignore[arg-type]
+    agents = {(i, k): SlotExchange(plan, plan.group, IDS[i], told[i, k]) for i, k in told}  # type: ignore[arg-type]
     links = [
         {IDS[i]: tuple(IDS[j] for j in np.flatnonzero(batch.links[i, :, k])) for i in range(N)}
         for k in range(MISSIONS)
@@ -247,7 +247,7 @@ def test_a_study_exchanges_what_agents_exchange(seed: int) -> None:
             if live[i, k]:
                 agent.hear()
                 own = (float(points[0, i, k]), float(points[1, i, k]))
-                agent.look(tick * tick_s, own, (1, 0), links[k], new=True)
+                agent.look(tick * tick_s, own, ("all", 1, 0), links[k], new=True)
             for name in ExchangeStates.__dataclass_fields__:
                 theirs = getattr(study._exchange.states, name)[i, k]
                 assert getattr(agent.exchange, name) == theirs, (tick, i, k, name)

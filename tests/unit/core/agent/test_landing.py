@@ -9,9 +9,7 @@ from typing import Any
 import pytest
 
 from swarm_ctl.core.agent.failsafes import FailsafeTrigger, failed
-from swarm_ctl.core.agent.flight_context import FlightContext
-from swarm_ctl.core.agent.landing import STANDING_WANDERS_M, WANDERS_M, Landing
-from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch
+from swarm_ctl.core.agent.landing import STANDING_WANDERS_M, WANDERS_M
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Outcome, Phase
 from swarm_ctl.core.model.vehicle import (
@@ -27,11 +25,10 @@ from swarm_ctl.core.model.vehicle import (
 from tests.unit.core.builders import (
     LAST,
     NOW,
-    OWN,
     PARKED,
     RETURNING,
     TAKEOFF,
-    context,
+    Own,
     fix,
     peer,
     plan,
@@ -51,48 +48,42 @@ class Flight:
         self,
         action: FailsafeAction = LANDS,
         outcome: Outcome = Outcome.FAILED,
-        own: FlightContext | None = None,
+        own: Own | None = None,
     ) -> None:
-        self.context = own or context()
+        self.own = own or Own()
         self.trigger = FailsafeTrigger(action, outcome, "a reason")
-        self.context.trigger, self.context.trigger_s = self.trigger, NOW
-        self.landing = Landing(self.context, ReturnToLaunch(self.context.plan, OWN))
+        self.own.interruption.go_over_to(self.trigger, anew_s=NOW)
 
     def at(self, later_s: float = 0.1, *peers: Any, **seen: Any) -> Goal:
         """The goal of one tick."""
-        now = tick(*peers, now=NOW + later_s, **seen)
-        if now.fix is not None:
-            self.context.controller.locate(now.fix, now.now)
-        return self.landing.carry_out(now, self.context.trigger or self.trigger)
+        own = self.own
+        now = own.tick(*peers, now=NOW + later_s, **seen)
+        trigger = own.interruption.trigger or self.trigger
+        return own.act(now, own.landing.carry_out(now, trigger, left=False))
 
 
-def airborne(**changes: Any) -> FlightContext:
-    return context(**changes)
+def in_phase(phase: Phase, **changes: Any) -> Own:
+    own = Own(**changes)
+    own.phase = phase
+    return own
 
 
 GROUNDED = PARKED | {"fix": fix(height_m=0.0)}
 
-ROWS: list[tuple[str, FailsafeAction, FlightContext, dict[str, Any], type[Goal], Phase]] = [
-    ("hold", HOLDS, airborne(), {}, FlyGoal, Phase.HOLD),
-    ("land: stop first", LANDS, airborne(), {"fix": MOVING}, FlyGoal, Phase.HOLD),
-    ("return: climb first", RETURNS, airborne(), {}, FlyGoal, Phase.RETURN),
-    ("yield", YIELDS, airborne(), {"controlled": False}, YieldGoal, Phase.YIELD),
-    ("kill", KILLS, airborne(), {}, TerminateGoal, Phase.LAND),
-    ("on the ground", LANDS, airborne(), GROUNDED, ReleaseGoal, Phase.ENDED),
-    ("on the ground, kill", KILLS, airborne(), GROUNDED, ReleaseGoal, Phase.ENDED),
-    ("on the ground, yield", YIELDS, airborne(), GROUNDED, ReleaseGoal, Phase.ENDED),
-    (
-        "no heartbeat for 10 s",
-        LANDS,
-        airborne(),
-        {"heartbeat_s": NOW - 10.0},
-        ReleaseGoal,
-        Phase.ENDED,
-    ),
+ROWS: list[tuple[str, FailsafeAction, Own, dict[str, Any], type[Goal], Phase]] = [
+    ("hold", HOLDS, Own(), {}, FlyGoal, Phase.HOLD),
+    ("land: stop first", LANDS, Own(), {"fix": MOVING}, FlyGoal, Phase.HOLD),
+    ("return: climb first", RETURNS, Own(), {}, FlyGoal, Phase.RETURN),
+    ("yield", YIELDS, Own(), {"controlled": False}, YieldGoal, Phase.YIELD),
+    ("kill", KILLS, Own(), {}, TerminateGoal, Phase.LAND),
+    ("on the ground", LANDS, Own(), GROUNDED, ReleaseGoal, Phase.ENDED),
+    ("on the ground, kill", KILLS, Own(), GROUNDED, ReleaseGoal, Phase.ENDED),
+    ("on the ground, yield", YIELDS, Own(), GROUNDED, ReleaseGoal, Phase.ENDED),
+    ("no heartbeat for 10 s", LANDS, Own(), {"heartbeat_s": NOW - 10.0}, ReleaseGoal, Phase.ENDED),
     (
         "not our flight",
         LEAVES,
-        airborne(arming_s=-math.inf, was_armed=False),
+        Own(arming_s=-math.inf, was_armed=False),
         {},
         ReleaseGoal,
         Phase.ENDED,
@@ -100,7 +91,7 @@ ROWS: list[tuple[str, FailsafeAction, FlightContext, dict[str, Any], type[Goal],
     (
         "asked to arm a moment ago",
         LANDS,
-        airborne(arming_s=NOW - 2.0, was_armed=False, phase=Phase.ARM),
+        in_phase(Phase.ARM, arming_s=NOW - 2.0, was_armed=False),
         GROUNDED,
         LandGoal,
         Phase.ARM,
@@ -108,7 +99,7 @@ ROWS: list[tuple[str, FailsafeAction, FlightContext, dict[str, Any], type[Goal],
     (
         "disarmed in the air",
         LANDS,
-        airborne(was_armed=False, arming_s=-math.inf, phase=Phase.PREPARE),
+        in_phase(Phase.PREPARE, was_armed=False, arming_s=-math.inf),
         {"armed": False},
         StandbyGoal,
         Phase.PREPARE,
@@ -116,7 +107,7 @@ ROWS: list[tuple[str, FailsafeAction, FlightContext, dict[str, Any], type[Goal],
     (
         "hold in the autopilot's take-off",
         HOLDS,
-        airborne(step=TAKEOFF, had_control=False),
+        Own(step=TAKEOFF, had_control=False),
         {"controlled": False},
         LandGoal,
         Phase.HOLD,
@@ -124,7 +115,7 @@ ROWS: list[tuple[str, FailsafeAction, FlightContext, dict[str, Any], type[Goal],
     (
         "return without ever having had control",
         RETURNS,
-        airborne(had_control=False),
+        Own(had_control=False),
         {"fix": MOVING},
         FlyGoal,
         Phase.HOLD,
@@ -138,7 +129,7 @@ ROWS: list[tuple[str, FailsafeAction, FlightContext, dict[str, Any], type[Goal],
 def test_what_a_failsafe_does_at_first(
     what: str,
     action: FailsafeAction,
-    own: FlightContext,
+    own: Own,
     seen: dict[str, Any],
     goal: type[Goal],
     phase: Phase,
@@ -170,7 +161,7 @@ def test_it_stands_still_before_it_comes_down(
     others to hear of it."""
     flight = Flight(outcome=outcome)
     assert isinstance(flight.at(later_s, fix=own), LandGoal) is lands
-    assert flight.context.phase is (Phase.LAND if lands else Phase.HOLD)
+    assert flight.own.phase is (Phase.LAND if lands else Phase.HOLD)
 
 
 def test_a_landing_does_not_stop_again() -> None:
@@ -184,7 +175,7 @@ def test_a_landing_of_three_minutes_is_given_up() -> None:
     flight.at(0.0)
     assert isinstance(flight.at(180.0), LandGoal)
     assert isinstance(flight.at(180.1), ReleaseGoal)
-    assert flight.context.trigger == failed(LANDS, "not down after 180 s of landing")
+    assert flight.own.interruption.trigger == failed(LANDS, "not down after 180 s of landing")
 
 
 def test_it_ends_when_the_vehicle_is_down() -> None:
@@ -192,8 +183,8 @@ def test_it_ends_when_the_vehicle_is_down() -> None:
     flight = Flight(outcome=Outcome.ABORTED)
     flight.at(0.0)
     assert isinstance(flight.at(20.0, **GROUNDED), ReleaseGoal)
-    assert flight.context.outcome is Outcome.ABORTED
-    assert texts(flight.context.events) == ["ended: aborted (a reason)"]
+    assert flight.own.interruption.outcome is Outcome.ABORTED
+    assert texts(flight.own.log.events) == ["ended: aborted (a reason)"]
 
 
 @pytest.mark.parametrize(("seconds", "ends"), [(10.0, False), (10.1, True)])
@@ -207,24 +198,23 @@ def test_a_vehicle_without_motors_for_ten_seconds_is_down(seconds: float, ends: 
 
 def test_the_landing_step_is_done_on_the_ground() -> None:
     """Without a failsafe: the mission's own end."""
-    own = context(step=LAST)
-    landing = Landing(own, ReturnToLaunch(own.plan, OWN))
-    assert isinstance(landing.land(tick()), LandGoal)
+    own = Own(step=LAST)
+    assert isinstance(own.act(tick(), own.landing.land(tick())), LandGoal)
     assert not own.progress.done
-    landing.land(tick(**GROUNDED))
+    own.act(tick(), own.landing.land(tick(**GROUNDED)))
     assert own.progress.finished
     assert own.phase is Phase.LAND
 
 
-def landed(off_m: float, *, home: bool) -> FlightContext:
+def landed(off_m: float, *, home: bool) -> Own:
     """An agent whose landing began over its place, and whose vehicle came down `off_m` north."""
-    own = context(RETURNING if home else plan(), step=LAST)
-    landing = Landing(own, ReturnToLaunch(own.plan, OWN))
-    step = landing.come_back if home else landing.land
+    own = Own(RETURNING if home else plan(), step=LAST)
+    step = own.landing.come_back if home else own.landing.land
     for now in (NOW, NOW + 1.0, NOW + 1.1):
-        step(tick(now=now))
-    step(tick(now=NOW + 20.0, armed=False, on_ground=True, fix=fix(off_m, height_m=0.0)))
-    landing.end(NOW + 20.1)
+        one = own.tick(now=now)
+        own.act(one, step(one))
+    step(own.tick(now=NOW + 20.0, armed=False, on_ground=True, fix=fix(off_m, height_m=0.0)))
+    own.act(tick(), own.landing.end(NOW + 20.1))
     return own
 
 
@@ -233,9 +223,9 @@ def landed(off_m: float, *, home: bool) -> FlightContext:
 )
 def test_a_landing_elsewhere_is_told_and_has_failed(home: bool, what: str) -> None:
     """By the constant of the judge."""
-    assert landed(MISPLACED_M - 0.1, home=home).outcome is Outcome.COMPLETED
+    assert landed(MISPLACED_M - 0.1, home=home).interruption.outcome is Outcome.COMPLETED
     own = landed(MISPLACED_M + 0.1, home=home)
-    assert own.outcome is Outcome.FAILED
+    assert own.interruption.outcome is Outcome.FAILED
     assert own.reason == f"the vehicle landed 3.1 m from {what}"
 
 
@@ -274,11 +264,11 @@ def test_a_small_formation_that_stands_lands_in_its_places(
     """In a planned `land` two that stand need less room: the inner ones of a grid were pushed out
     of it by metres. A peer that moved as the landing began needs all of it, also once it stands."""
     flight = Flight()
-    flight.context.trigger, flight.context.progress.started_s = None, NOW
+    flight.own.interruption.lift()
+    flight.own.progress.started_s = NOW
     for later_s, moves_mps in ((0.1, speed_mps), (0.2, 0.0)):
-        one = tick(beside(room_m, moves_mps), peer(3), now=NOW + later_s)
-        flight.context.controller.locate(fix(), one.now)
-        assert isinstance(flight.landing.land(one), goal)
+        one = flight.own.tick(beside(room_m, moves_mps), peer(3), now=NOW + later_s)
+        assert isinstance(flight.own.act(one, flight.own.landing.land(one)), goal)
 
 
 # --- the way back ---
@@ -287,13 +277,11 @@ def test_a_small_formation_that_stands_lands_in_its_places(
 def test_it_comes_back_and_lands_at_home() -> None:
     """Climb, fly, down: each with its phase and reason."""
     flight = Flight(RETURNS, Outcome.ABORTED)
-    own = flight.context
+    own = flight.own
     home, away = fix(), fix(30.0)
     assert isinstance(flight.at(0.1, fix=away), FlyGoal)
-    assert (own.phase, own.reason) == (Phase.RETURN, "return: climb")
-    own.reason = ""
+    assert (own.phase, own.reason) == (Phase.RETURN, "a reason")
     goal = flight.at(1.2, fix=away)
-    assert own.reason == "return: fly"
     assert isinstance(goal, FlyGoal)
     assert goal.velocity_ned_mps[0] < 0.0
     assert isinstance(flight.at(9.0, fix=home), LandGoal)
@@ -307,7 +295,7 @@ def test_a_way_back_without_a_peer_is_given_up() -> None:
     flight.at(0.0, *silent)
     assert isinstance(flight.at(5.0, *silent), FlyGoal)
     flight.at(5.1, *silent)
-    assert flight.context.trigger == failed(
+    assert flight.own.interruption.trigger == failed(
         LANDS, "a reason; no other agent is heard, so it lands here"
     )
 
@@ -316,23 +304,22 @@ def test_a_way_back_has_two_minutes_for_each_agent() -> None:
     flight = Flight(RETURNS, Outcome.ABORTED)
     flight.at(0.0)
     flight.at(360.0)
-    assert flight.context.trigger is flight.trigger
+    assert flight.own.interruption.trigger is flight.trigger
     flight.at(360.1)
-    assert flight.context.trigger is not None
-    assert "it took more than 360 s, so it lands here" in flight.context.trigger.reason
+    assert flight.own.interruption.trigger is not None
+    assert "it took more than 360 s, so it lands here" in flight.own.interruption.trigger.reason
 
 
 def test_the_return_step_is_the_missions_own_way_back() -> None:
-    own = context(RETURNING, step=LAST)
-    landing = Landing(own, ReturnToLaunch(own.plan, OWN))
-    assert isinstance(landing.come_back(tick(now=NOW)), FlyGoal)
-    assert isinstance(landing.come_back(tick(now=NOW + 1.0)), FlyGoal)
-    assert isinstance(landing.come_back(tick(now=NOW + 1.1)), LandGoal)
-    landing.come_back(tick(now=NOW + 20.0, **GROUNDED))
+    own = Own(RETURNING, step=LAST)
+    for later_s, goal in ((0.0, FlyGoal), (1.0, FlyGoal), (1.1, LandGoal)):
+        one = own.tick(now=NOW + later_s)
+        assert isinstance(own.act(one, own.landing.come_back(one)), goal)
+    own.landing.come_back(own.tick(now=NOW + 20.0, **GROUNDED))
     assert own.progress.finished
-    assert own.outcome is Outcome.RUNNING
-    landing.end(NOW + 20.1)
-    assert own.outcome is Outcome.COMPLETED
+    assert own.interruption.outcome is Outcome.RUNNING
+    own.landing.end(NOW + 20.1)
+    assert own.interruption.outcome is Outcome.COMPLETED
 
 
 def test_an_agent_that_holds_makes_room() -> None:
@@ -363,22 +350,22 @@ def test_a_vehicle_that_others_land_is_given_up_when_it_stays_armed() -> None:
     assert isinstance(flight.at(100.0, controlled=False), YieldGoal)  # a pilot flies it
     assert isinstance(flight.at(110.0, **lands), YieldGoal)
     assert isinstance(flight.at(289.0, **lands), YieldGoal)
-    assert flight.context.reason == "a reason; given up if it is still armed after 180 s"
+    assert flight.own.reason == "a reason; given up if it is still armed after 180 s"
     assert isinstance(flight.at(291.0, **lands), ReleaseGoal)
-    assert flight.context.reason == "a reason; still armed after 180 s"
-    assert flight.context.outcome is Outcome.FAILED
+    assert flight.own.reason == "a reason; still armed after 180 s"
+    assert flight.own.interruption.outcome is Outcome.FAILED
 
 
 @pytest.mark.parametrize(("later_s", "ends"), [(2.9, False), (3.1, True)])
 def test_a_kill_is_not_over_before_the_vehicle_is_known(later_s: float, ends: bool) -> None:
     """An agent that has just started takes its vehicle for disarmed until heartbeats say more."""
-    flight = Flight(KILLS, own=airborne(was_armed=False, arming_s=-math.inf))
+    flight = Flight(KILLS, own=Own(was_armed=False, arming_s=-math.inf))
     assert isinstance(flight.at(later_s, **GROUNDED), ReleaseGoal if ends else TerminateGoal)
 
 
 def test_a_hold_is_said_once_whatever_its_figure() -> None:
     """The reason in force is the newest; another cause is said, and another peer."""
-    own = context()
+    own = Own()
     fired = [
         (Cause.WIND, "wind of 9"),
         (Cause.WIND, "wind of 10"),
@@ -386,10 +373,10 @@ def test_a_hold_is_said_once_whatever_its_figure() -> None:
         (Cause.PEER, "agent 4 is silent"),
     ]
     for k, (cause, reason) in enumerate(fired):
-        own.heed(tick(now=NOW + k), failed(HOLDS, reason, cause))
-        assert own.trigger
-        assert own.trigger.reason == reason
-    assert texts(own.events) == [
+        own.interruption.heed(tick(now=NOW + k), failed(HOLDS, reason, cause))
+        assert own.interruption.trigger
+        assert own.interruption.trigger.reason == reason
+    assert texts(own.log.events) == [
         "hold: wind of 9",
         "hold: agent 3 is silent",
         "hold: agent 4 is silent",

@@ -21,7 +21,7 @@ NEVER = (-1, False)
 def test_no_agent_runs_ahead(data: st.DataObject) -> None:
     """An agent is in step k + 1 only when every agent has been done with step k; true at every
     moment."""
-    agents = [Progress(PLAN, 0.0) for _ in range(AGENTS)]
+    agents = [Progress(PLAN.group, 60.0, 0.0) for _ in range(AGENTS)]
     heard = [[NEVER] * AGENTS for _ in agents]  # heard[i][j]: what i last heard of j
     done_with = [-1] * AGENTS  # the furthest step each has finished
     for turn in range(data.draw(st.integers(1, 60))):
@@ -43,7 +43,7 @@ def test_no_agent_runs_ahead(data: st.DataObject) -> None:
 @given(st.permutations(range(AGENTS)))
 def test_it_goes_through_in_any_order(order: list[int]) -> None:
     """With every state delivered, all agents reach the end whatever the order they act in."""
-    agents = [Progress(PLAN, 0.0) for _ in range(AGENTS)]
+    agents = [Progress(PLAN.group, 60.0, 0.0) for _ in range(AGENTS)]
     for turn in range(3 * (len(PLAN.steps) + 1)):
         for i in order:
             agents[i].finish_step(float(turn))
@@ -55,7 +55,7 @@ def test_it_goes_through_in_any_order(order: list[int]) -> None:
 
 def test_results_tell_how_each_step_went() -> None:
     """A step that is broken off keeps its name and says how it ended."""
-    progress = Progress(PLAN, 1.0)
+    progress = Progress(PLAN.group, 60.0, 1.0)
     progress.finish_step(2.0)
     progress.advance([], 3.0)
     progress.break_off("timeout", 4.0)

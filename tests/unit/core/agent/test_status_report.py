@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.core.agent.flight_context import FlightContext, SetpointCount
 from swarm_ctl.core.agent.status_report import RefusalsSaid, status_report
+from swarm_ctl.core.agent.steering import KeepClear, SetpointCount
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.model.messages import (
     AgentStatus,
@@ -21,17 +21,25 @@ from swarm_ctl.core.model.messages import (
     RefusalReason,
     TickReport,
 )
-from tests.unit.core.builders import NOW, context, fix, peer, tick
+from tests.unit.core.builders import NOW, OWN, Own, fix, peer, tick
 
 LINKS = {2: LinkReport(0.1, 0.1, 0.2, 30, 1)}
 LOOP = TickReport(count=7)
 
 
-def report(seen: Tick | None = None, own: FlightContext | None = None) -> AgentStatus:
+def report(seen: Tick | None = None, own: Own | None = None) -> AgentStatus:
+    own = own or Own()
+    own.group.formation_error_m = 0.25
     return status_report(
-        own or context(),
         seen or tick(),
-        formation_error_m=0.25,
+        OWN,
+        own.phase,
+        own.reason,
+        own.vehicle,
+        own.group,
+        own.interruption,
+        own.controller,
+        own.steering.setpoints,
         links=LINKS,
         loop=LOOP,
         bad_payloads=3,
@@ -81,7 +89,7 @@ def test_refusals_are_said_at_once_and_again_after_ten_seconds() -> None:
 
 
 def test_the_height_counts_from_the_take_off_point() -> None:
-    assert report(own=context(ground_m=3.0)).height_m == 5.0
+    assert report(own=Own(ground_m=3.0)).height_m == 5.0
 
 
 def test_the_nearest_peer_is_a_fresh_one() -> None:
@@ -101,9 +109,10 @@ def test_neighbours_are_the_heard_ones() -> None:
 
 
 def test_the_flight_so_far() -> None:
-    own = context(phase=Phase.LAND, reason="why")
-    own.setpoint(NOW, None, None)
-    own.setpoint(NOW + 2.0, None, None)
+    own = Own()
+    own.phase, own.reason = Phase.LAND, "why"
+    for now in (NOW, NOW + 2.0):
+        own.steering.fly(tick(now=now), KeepClear())
     told = report(own=own)
     assert (told.phase, told.step, told.done) == (Phase.LAND, 3, False)
     assert (told.setpoints, told.setpoint_rate_hz) == (2, 0.5)

@@ -6,14 +6,8 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.core.agent.barrier import Barrier
 from swarm_ctl.core.agent.command_handler import CommandHandler, Override
-from swarm_ctl.core.agent.landing import Landing
-from swarm_ctl.core.agent.preflight import Preflight
-from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch
 from swarm_ctl.core.agent.step_executor import StepExecutor
-from swarm_ctl.core.agent.takeover import Takeover
-from swarm_ctl.core.control.navigation import Navigator
 from swarm_ctl.core.model.messages import CommandKind, Phase, StepOutcome
 from swarm_ctl.core.model.plan import Plan, Policy
 from swarm_ctl.core.model.steps.hold import HoldStep
@@ -37,55 +31,52 @@ from tests.unit.core.builders import (
     PARKED,
     STEPS,
     TAKEOFF,
-    context,
+    Own,
     fix,
     peer,
     plan,
-    tick,
 )
 
 PREPARE = 0
 UNFLOWN: dict[str, Any] = {"was_armed": False, "had_control": False, "arming_s": -math.inf}
-"""A context whose vehicle has not been asked to arm yet."""
+"""Of a vehicle that has not been asked to arm yet."""
 
 
-class Flight:
+class Flight(Own):
     """The executor of agent 1, with the real parts around it."""
 
     def __init__(self, step: int, of: Plan | None = None, **changes: Any) -> None:
-        of = of or plan()
-        self.context = own = context(of, step, **changes)
+        super().__init__(of, step, **changes)
         if step >= FORM:
-            own.begin_form(FORMING)
-        self.barrier = Barrier(own)
-        self.orders = CommandHandler(of, OWN, of.hash())
-        preflight = Preflight(
-            of, of.agent(OWN), of.hash(), Navigator(of.origin), False, of.response
-        )
+            self.group.begin_form(FORMING)
+        of = self.plan
+        self.orders = CommandHandler(of, of.group, OWN, of.hash())
         self.executor = StepExecutor(
-            own,
-            preflight,
-            self.barrier,
+            self.vehicle,
+            self.group,
+            self.interruption,
+            self.log,
+            self.preflight,
             self.orders,
-            Landing(own, ReturnToLaunch(of, OWN)),
-            Takeover(own, preflight),
+            self.landing,
+            self.takeover,
+            self.steering.setpoints,
         )
 
     def at(self, later_s: float = 0.0, *peers: Any, **seen: Any) -> Goal:
         """The goal of one tick, `later_s` after NOW; the two peers are in the own step, in slot."""
-        step = max(self.context.progress.step, TAKEOFF)
+        step = max(self.progress.step, TAKEOFF)
         others = peers or (peer(2, step=step), peer(3, step=step))
-        one = tick(*others, now=NOW + later_s, **seen)
-        if one.fix is not None:
-            self.context.controller.locate(one.fix, one.now)
-        self.barrier.measure(one)
-        return self.executor.decide(one)
+        one = self.tick(*others, now=NOW + later_s, **seen)
+        own_m = self.controller.stop_point_m
+        self.group.measure(one, own_m, airborne=self.vehicle.was_armed)
+        return self.act(one, self.executor.decide(one, own_m))
 
     def through(self, seconds: float, **seen: Any) -> bool:
         """Tick for so long; whether the step is done by then."""
         for k in range(round(seconds / 0.05) + 1):
             self.at(0.05 * k, **seen)
-        return self.context.progress.done
+        return self.progress.done
 
 
 # --- each step's goal ---
@@ -102,7 +93,7 @@ GOALS: list[tuple[str, int, dict[str, Any], dict[str, Any], type[Goal], Phase]] 
     ("holding", HOLD, {}, {}, FlyGoal, Phase.FLY),
     ("moving", MOVE, {}, {}, FlyGoal, Phase.FLY),
     ("landing", LAST, {}, {}, LandGoal, Phase.LAND),
-    ("ended", HOLD, {"ended_s": NOW - 1.0}, {}, ReleaseGoal, Phase.FLY),
+    ("ended", HOLD, {"ended_s": NOW - 1.0}, {}, ReleaseGoal, Phase.ENDED),
 ]  # fmt: skip
 
 
@@ -117,7 +108,7 @@ def test_goal_and_phase(
     """Each step asks for its own kind of goal, and shows its phase."""
     flight = Flight(step, **own)
     assert isinstance(flight.at(**seen), goal)
-    assert flight.context.phase is phase
+    assert flight.phase is phase
 
 
 # --- prepare ---
@@ -136,8 +127,8 @@ def test_prepare_is_done_when_nothing_is_refused(
     """The step is done for a healthy vehicle alone, and the reason says what is waited for."""
     flight = Flight(PREPARE, **UNFLOWN)
     flight.at(**{**PARKED, **seen})
-    assert flight.context.progress.done is done
-    assert why in flight.context.reason
+    assert flight.progress.done is done
+    assert why in flight.reason
 
 
 def test_health_lost_while_waiting_undoes_prepare() -> None:
@@ -145,7 +136,7 @@ def test_health_lost_while_waiting_undoes_prepare() -> None:
     flight = Flight(PREPARE, **UNFLOWN)
     flight.at(**PARKED)
     flight.at(0.05, **PARKED, healthy=False, health_reason="no GPS")
-    assert not flight.context.progress.done
+    assert not flight.progress.done
 
 
 # --- take-off ---
@@ -165,7 +156,7 @@ def test_take_off_ends_at_its_height_under_control(seen: dict[str, Any], done: b
     """Half a metre below the height, and in the mode that follows setpoints."""
     flight = Flight(TAKEOFF)
     flight.at(**seen)
-    assert flight.context.progress.done is done
+    assert flight.progress.done is done
 
 
 CLIMBS = {"climbs_by_setpoints": True, "on_ground": False}
@@ -196,10 +187,10 @@ def test_what_the_vehicle_says_is_the_reason_it_does_not_arm() -> None:
     """A STATUSTEXT is kept as the reason until a newer one comes."""
     flight = Flight(TAKEOFF, **UNFLOWN)
     flight.at(**PARKED)
-    assert flight.context.reason == "waiting for the vehicle to arm"
+    assert flight.reason == "waiting for the vehicle to arm"
     flight.at(0.05, **PARKED, texts=("PreArm: compass",))
     flight.at(0.1, **PARKED)
-    assert flight.context.reason == "PreArm: compass"
+    assert flight.reason == "PreArm: compass"
 
 
 # --- the end of a step ---
@@ -210,7 +201,7 @@ def test_a_hold_lasts_as_long_as_planned_without_its_pauses() -> None:
     held = STEPS[HOLD - 1]
     assert isinstance(held, HoldStep)
     flight = Flight(HOLD)
-    progress = flight.context.progress
+    progress = flight.progress
     progress.started_s, progress.paused_s = NOW - held.duration_s - 0.9, 1.0
     flight.at()
     assert not progress.done
@@ -231,9 +222,9 @@ def test_late_states_neither_count_for_settling_nor_undo_it() -> None:
     for k in range(20):
         flight.at(1.05 + 0.05 * k, peer(2, 0.9, step=FORM), peer(3, step=FORM))
     flight.at(2.1)
-    assert not flight.context.progress.done
+    assert not flight.progress.done
     flight.at(3.15)
-    assert flight.context.progress.done
+    assert flight.progress.done
 
 
 def test_a_peer_out_of_its_slot_starts_settling_anew() -> None:
@@ -245,9 +236,9 @@ def test_a_peer_out_of_its_slot_starts_settling_anew() -> None:
         flight.at(1.55 + 0.05 * k, away, peer(3, step=FORM))
     flight.at(2.6)
     flight.at(4.4)
-    assert not flight.context.progress.done
+    assert not flight.progress.done
     flight.at(4.8)
-    assert flight.context.progress.done
+    assert flight.progress.done
 
 
 @pytest.mark.parametrize("policy", [Policy.CONTINUE, Policy.LAND])
@@ -258,8 +249,8 @@ def test_a_late_step_ends_only_where_the_mission_goes_on(policy: Policy) -> None
     flight = Flight(FORM, plan(steps=steps))
     away = peer(2, step=FORM, position_ned_m=(9.0, 10.0, -HEIGHT_M), stop_point_m=(9.0, 10.0))
     flight.at(FORMING.timeout_s + 0.1, away, peer(3, step=FORM))
-    result = flight.context.progress.results[-1].result
-    assert flight.context.progress.done is (policy is Policy.CONTINUE)
+    result = flight.progress.results[-1].result
+    assert flight.progress.done is (policy is Policy.CONTINUE)
     assert (result is StepOutcome.TIMEOUT) is (policy is Policy.CONTINUE)
 
 
@@ -269,13 +260,13 @@ def test_a_late_step_ends_only_where_the_mission_goes_on(policy: Policy) -> None
 def test_an_override_neither_ends_nor_judges_the_mission_step() -> None:
     """While an order is flown, the mission's hold does not end."""
     flight = Flight(HOLD)
-    flight.context.progress.started_s = NOW - 1000.0
+    flight.progress.started_s = NOW - 1000.0
     hold = HoldStep(math.inf, math.inf)
     flight.orders.override = Override(CommandKind.HOLD, hold, 7, 0)
     assert isinstance(flight.at(), FlyGoal)
-    assert not flight.context.progress.done
-    assert flight.executor.override == 7
-    assert CommandKind.HOLD in flight.context.reason
+    assert not flight.progress.done
+    assert flight.orders.tag == 7
+    assert CommandKind.HOLD in flight.reason
 
 
 def test_without_a_fresh_position_the_setpoint_is_zero() -> None:

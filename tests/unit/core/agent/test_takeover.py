@@ -10,15 +10,13 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.core.agent.flight_context import FlightContext
-from swarm_ctl.core.agent.preflight import Preflight
+from swarm_ctl.core.agent.steering import KeepClear
 from swarm_ctl.core.agent.takeover import EVIDENCE_S, LEARN_S, Takeover
-from swarm_ctl.core.control.navigation import Navigator
 from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.core.model.messages import Phase
-from swarm_ctl.core.model.vehicle import FlyGoal, GlobalFix
+from swarm_ctl.core.model.vehicle import GlobalFix
 from tests.unit.core.builders import (
     HEIGHT_M,
     HOLD,
@@ -28,10 +26,9 @@ from tests.unit.core.builders import (
     OWN,
     PARKED,
     TAKEOFF,
-    context,
+    Own,
     fix,
     peer,
-    plan,
     state,
     texts,
     tick,
@@ -39,20 +36,17 @@ from tests.unit.core.builders import (
 )
 
 YIELDS, LEAVES, LANDS = FailsafeAction.YIELD, FailsafeAction.LEAVE, FailsafeAction.LAND
-HASH = plan().hash()
 
 
-def started(**changes: Any) -> tuple[FlightContext, Takeover]:
+def started(**changes: Any) -> tuple[Own, Takeover]:
     """A new process, in preparation."""
-    fresh: dict[str, Any] = {"arming_s": -math.inf, "was_armed": False, "had_control": False}
-    own = context(step=0, **(fresh | {"phase": Phase.CONNECT, "target_height_m": 0.0} | changes))
-    preflight = Preflight(
-        own.plan, own.plan.agent(OWN), HASH, Navigator(ORIGIN), False, own.plan.response
-    )
-    return own, Takeover(own, preflight)
+    fresh = {"arming_s": -math.inf, "was_armed": False, "had_control": False}
+    own = Own(step=0, **(fresh | {"target_height_m": 0.0} | changes))
+    own.phase = Phase.CONNECT
+    return own, own.takeover
 
 
-def looking(seconds: float, *peers: Any, **seen: Any) -> tuple[FlightContext, str]:
+def looking(seconds: float, *peers: Any, **seen: Any) -> tuple[Own, str]:
     """What it says after looking at one and the same thing for so long."""
     own, takeover = started()
     said = takeover.look(tick(*peers, **seen))
@@ -112,24 +106,24 @@ def test_without_a_piece_of_the_evidence_it_waits_and_then_leaves(
     """It says what is missing for `EVIDENCE_S`, then ends without having sent a setpoint."""
     own, said = looking(EVIDENCE_S, *peers, **seen)
     assert said.startswith(f"the vehicle is in the air; {why}")
-    assert own.trigger is None
+    assert own.interruption.trigger is None
     own, _ = looking(EVIDENCE_S + 0.1, *peers, **seen)
-    assert own.trigger is not None
-    assert own.trigger.action is LEAVES
-    assert why in own.trigger.reason
-    assert not own.ours
+    assert own.interruption.trigger is not None
+    assert own.interruption.trigger.action is LEAVES
+    assert why in own.interruption.trigger.reason
+    assert not own.vehicle.ours
 
 
 def test_just_standing_still_is_enough() -> None:
     own, said = looking(1.0, fix=fix(velocity=(0.3, 0.4, 0.0)))
     assert said == ""
-    assert own.ours
+    assert own.vehicle.ours
 
 
 def test_it_listens_for_a_second_whether_it_is_there_twice() -> None:
     own, said = looking(0.99)
     assert "listening" in said
-    assert not own.ours
+    assert not own.vehicle.ours
 
 
 def test_another_process_with_its_id_is_left_the_vehicle() -> None:
@@ -139,7 +133,7 @@ def test_another_process_with_its_id_is_left_the_vehicle() -> None:
     takeover.look(tick())
     assert "another process speaks as agent 1" in takeover.look(tick(now=NOW + 1.5))
     assert takeover.look(tick(now=NOW + 1.51)) == ""
-    assert own.ours
+    assert own.vehicle.ours
 
 
 def test_states_of_the_peers_are_not_its_own() -> None:
@@ -170,25 +164,25 @@ def test_which_modes_are_taken_over(
     """A mode that follows setpoints, or what the swarm does as well."""
     own, said = looking(0.0 if action else 1.0, peer(2, step=step), peer(3, step=step), **seen)
     if action is None:
-        assert own.trigger is None
+        assert own.interruption.trigger is None
         assert own.progress.step == step
         return
-    assert own.trigger is not None
-    assert own.trigger.action is action
+    assert own.interruption.trigger is not None
+    assert own.interruption.trigger.action is action
     assert why in said
 
 
 def test_a_decision_is_carried_out_not_repeated() -> None:
     own, takeover = started()
     takeover.look(tick(**PILOT))
-    assert own.trigger is not None
+    assert own.interruption.trigger is not None
     assert not takeover.pending(view(**PILOT))
 
 
 # --- what is taken over ---
 
 
-def taken(*peers: Any, **seen: Any) -> tuple[FlightContext, Takeover]:
+def taken(*peers: Any, **seen: Any) -> tuple[Own, Takeover]:
     own, takeover = started()
     takeover.look(tick(*peers, **seen))
     assert takeover.look(tick(*peers, now=NOW + 1.0, **seen)) == ""
@@ -198,34 +192,37 @@ def taken(*peers: Any, **seen: Any) -> tuple[FlightContext, Takeover]:
 def test_it_rejoins_at_the_furthest_step_of_its_peers() -> None:
     own, _ = taken(peer(2, step=HOLD), peer(3, step=HOLD + 1))
     assert own.progress.step == HOLD + 1
-    assert own.was_armed
-    assert own.ours
-    assert own.target_height_m == HEIGHT_M
-    assert own.reference.slots
-    assert texts(own.events)[0].startswith("took over its vehicle in the air; rejoins at step 4")
+    assert own.vehicle.was_armed
+    assert own.vehicle.ours
+    assert own.vehicle.target_height_m == HEIGHT_M
+    assert own.group.reference.slots
+    assert texts(own.log.events)[0].startswith(
+        "took over its vehicle in the air; rejoins at step 4"
+    )
 
 
 def test_it_takes_the_frame_of_the_lowest_peer_in_its_step() -> None:
     frame, other = Frame((1.0, 2.0)), Frame((9.0, 9.0))
     own, _ = taken(peer(2, step=HOLD, frame=frame), peer(3, step=HOLD, frame=other))
-    assert own.reference.frame == frame
+    assert own.group.reference.frame == frame
 
 
 def test_the_take_off_point_is_where_home_is() -> None:
     """The vehicle tells its height above home; its local height may count from elsewhere."""
     own, _ = taken(fix=fix(height_m=HEIGHT_M + 3.0))
-    assert own.ground_m == pytest.approx(3.0)
-    assert own.height(fix(height_m=HEIGHT_M + 3.0)) == pytest.approx(HEIGHT_M)
+    assert own.vehicle.ground_m == pytest.approx(3.0)
+    assert own.vehicle.height(fix(height_m=HEIGHT_M + 3.0)) == pytest.approx(HEIGHT_M)
 
 
 # --- learning ---
 
 
 def test_it_holds_for_a_second_while_it_learns() -> None:
-    own, takeover = taken()
-    goal = takeover.learning(tick(now=NOW + 1.0 + LEARN_S - 0.01), 0)
-    assert isinstance(goal, FlyGoal)
-    assert own.phase is Phase.HOLD
+    _, takeover = taken()
+    held = takeover.learning(tick(now=NOW + 1.0 + LEARN_S - 0.01), 0)
+    assert held is not None
+    assert isinstance(held.course, KeepClear)
+    assert held.phase is Phase.HOLD
     assert takeover.learning(tick(now=NOW + 1.0 + LEARN_S), 0) is None
     assert takeover.learning(tick(now=NOW + 1.1), 0) is None  # once and for all
 
@@ -234,9 +231,10 @@ def test_it_holds_while_its_peers_carry_out_an_older_command() -> None:
     """It has not heard the command, so it cannot follow; one it knows itself is no reason."""
     commanded = (peer(2, override=77), peer(3))
     late = NOW + 60.0
-    own, takeover = taken()
-    assert takeover.learning(tick(*commanded, now=late), 0) is not None
-    assert own.reason == "waits for the operator's command to end"
+    _, takeover = taken()
+    held = takeover.learning(tick(*commanded, now=late), 0)
+    assert held is not None
+    assert held.reason == "waits for the operator's command to end"
     assert takeover.learning(tick(*commanded, now=late), 77) is None
 
 

@@ -14,11 +14,23 @@ from swarm_ctl.core.control.controller import Controller
 from swarm_ctl.core.model.messages import Gains
 from swarm_ctl.core.model.plan import Compensation, Plan, Point, Response, Safety
 from swarm_ctl.core.swarm.snapshot import NO_FORMATION, Formation, OtherAircraft, PeerSnapshot
-from tests.unit.core.builders import HOLD, NOW, OWN, SLOTS, UNIT_M, alone, fix, peer, plan, snapshot
+from tests.unit.core.builders import (
+    GROUP,
+    HOLD,
+    NOW,
+    OWN,
+    SLOTS,
+    UNIT_M,
+    alone,
+    fix,
+    peer,
+    plan,
+    snapshot,
+)
 
 PLAN = plan()
 R_IN_M, R_OUT_M = PLAN.law.r_in * UNIT_M, PLAN.law.r_out * UNIT_M
-ROW = Formation({1: SLOTS[0], 2: SLOTS[1], 3: SLOTS[2]}, frozenset({2, 3}), 0j, (HOLD, 0))
+ROW = Formation({1: SLOTS[0], 2: SLOTS[1], 3: SLOTS[2]}, frozenset({2, 3}), 0j, (GROUP, HOLD, 0))
 
 
 def controller(of: Plan = PLAN, north: float = 0.0, east: float = 0.0, **own: Any) -> Controller:

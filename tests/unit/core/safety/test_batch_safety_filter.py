@@ -147,7 +147,7 @@ def aircraft(state: State, i: int, j: int, k: int) -> OtherAircraft:
         fresh=age_s <= FRESH_S,
         followed=age_s <= NEIGHBOUR_S,
         yields=bool(state.yields[i, j, k]),
-        formation=(1, 0),
+        formation=("all", 1, 0),
         response_s=float(state.response_s[j, k]),
     )
 
@@ -155,7 +155,7 @@ def aircraft(state: State, i: int, j: int, k: int) -> OtherAircraft:
 def formation_of(state: State, i: int, k: int) -> Formation:
     slots = {j + 1: state.told_slots[i, j, k] for j in range(N)} | {i + 1: state.slots[i, k]}
     neighbours = frozenset((np.flatnonzero(state.linked[i, :, k]) + 1).tolist())
-    return Formation({j: (z.real, z.imag) for j, z in slots.items()}, neighbours, 0j, (1, 0))
+    return Formation({j: (z.real, z.imag) for j, z in slots.items()}, neighbours, 0j, ("all", 1, 0))
 
 
 def fly_both(seed: int, safety: Safety) -> tuple[BatchSafetyFilter, int]:

@@ -25,7 +25,7 @@ def chain() -> Plan:
 
 
 def of(agent: int) -> Neighbourhood:
-    return Neighbourhood(chain(), agent)
+    return Neighbourhood(chain().group, agent)
 
 
 def test_only_neighbours_that_are_heard_count() -> None:

@@ -16,6 +16,7 @@ from swarm_ctl.core.swarm.peers import Peers
 from swarm_ctl.core.swarm.slot_exchange import SlotExchange
 from tests.unit.core.builders import plan
 
+FLYING = ("all", 2, 0)
 PLAN = plan(agents=4, unit_m=1.0, law=LawParameters(r=20.0, r_out=6.0, r_in=2.5))
 IDS = [agent.id for agent in PLAN.agents]
 ALL_LINKED = {i: tuple(j for j in IDS if j != i) for i in IDS}
@@ -39,7 +40,7 @@ class Swarm:
     def __post_init__(self) -> None:
         self.random = np.random.default_rng(self.seed)
         self.peers = {i: Peers(PLAN, i) for i in IDS}
-        self.dealers = {i: SlotExchange(PLAN, i, self.peers[i]) for i in IDS}
+        self.dealers = {i: SlotExchange(PLAN, PLAN.group, i, self.peers[i]) for i in IDS}
         for dealer in self.dealers.values():
             dealer.begin(self.slots)
         self.way: list[tuple[int, int, AgentState]] = []
@@ -54,7 +55,7 @@ class Swarm:
             self.tell_time(i)
             dealer.hear()
             dealer.look(
-                self.now, (self.at[i].real, self.at[i].imag), (2, 0), ALL_LINKED, new=self.new
+                self.now, (self.at[i].real, self.at[i].imag), FLYING, ALL_LINKED, new=self.new
             )
             for j in IDS:
                 if j != i and self.random.random() >= self.loss:
@@ -154,7 +155,7 @@ def test_a_round_that_is_left_out_would_have_changed_nothing(
 ) -> None:
     """Steps in which offers may be made, and steps in which exchanges only end, in turns."""
     resting, restless = Swarm(slots, row(), seed, loss, 3), Swarm(slots, row(), seed, loss, 3)
-    restless.dealers = {i: Restless(PLAN, i, restless.peers[i]) for i in IDS}
+    restless.dealers = {i: Restless(PLAN, PLAN.group, i, restless.peers[i]) for i in IDS}
     for dealer in restless.dealers.values():
         dealer.begin(slots)
     for turn, span_s in enumerate(spans_s):
@@ -194,7 +195,7 @@ def test_a_restarted_agent_takes_the_role_that_is_free() -> None:
     """It knows nothing of the exchanges it took part in; the others' roles tell."""
     swarm = Swarm(SWAPPED, row())
     swarm.run(20)
-    fresh = SlotExchange(PLAN, IDS[1], swarm.peers[IDS[1]])
+    fresh = SlotExchange(PLAN, PLAN.group, IDS[1], swarm.peers[IDS[1]])
     fresh.rejoin(100.0)
     assert fresh.exchange.role == 2
     assert fresh.exchange.version > swarm.dealers[IDS[1]].exchange.version
@@ -232,5 +233,5 @@ def test_an_exchange_state_that_makes_no_sense_counts_as_none(deal: ExchangeStat
     swarm.peers[IDS[0]].hear(bad, swarm.now)
     own = swarm.dealers[IDS[0]]
     own.hear()
-    own.look(swarm.now + 1, (0.0, 0.0), (2, 0), ALL_LINKED, new=True)
+    own.look(swarm.now + 1, (0.0, 0.0), ("all", 2, 0), ALL_LINKED, new=True)
     assert own.roles[IDS[2]] == 2

@@ -10,14 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.agent.barrier import Barrier
-from swarm_ctl.core.agent.flight_context import FlightContext
+from swarm_ctl.core.agent.group import Group
 from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.model.messages import AgentState, Phase
 from swarm_ctl.core.model.plan import Plan, Policies, Policy
 from swarm_ctl.core.model.steps.rotate import RotateStep
 from swarm_ctl.core.swarm.peers import Peers
-from swarm_ctl.core.swarm.snapshot import OtherAircraft
+from swarm_ctl.core.swarm.snapshot import OtherAircraft, PeerSnapshot
 from tests.unit.core.builders import (
     FORM,
     HOLD,
@@ -26,7 +25,7 @@ from tests.unit.core.builders import (
     OWN,
     SLOTS,
     UNIT_M,
-    context,
+    Own,
     fix,
     peer,
     plan,
@@ -36,12 +35,17 @@ from tests.unit.core.builders import (
 )
 
 NEVER = math.inf
+NOWHERE = (0.0, 0.0)
 GOING_ON = plan(policies=Policies(agent_lost=Policy.CONTINUE))
 BLOCKS = (-1, False)
 
 
-def barrier(of: Plan | None = None, **changes: Any) -> Barrier:
-    return Barrier(context(of, **changes))
+def group(of: Plan | None = None) -> Group:
+    return Own(of).group
+
+
+def compared(peers: PeerSnapshot, of: Plan | None = None) -> list[tuple[int, bool]]:
+    return group(of).told(peers, airborne=True)
 
 
 # --- members ---
@@ -61,23 +65,23 @@ MEMBERS: list[tuple[str, OtherAircraft, tuple[int, bool]]] = [
 @pytest.mark.parametrize(("what", "other", "told"), MEMBERS, ids=[row[0] for row in MEMBERS])
 def test_what_a_peer_shows(what: str, other: OtherAircraft, told: tuple[int, bool]) -> None:
     """(step, done) while it is heard; a silent peer blocks, but for one that completed."""
-    assert barrier().members(snapshot(other, peer(3, step=FORM))) == [told, (FORM, False)]
+    assert compared(snapshot(other, peer(3, step=FORM))) == [told, (FORM, False)]
 
 
 @given(st.data())
 def test_the_order_of_arrival_never_matters(data: st.DataObject) -> None:
     """Lost, late and repeated states: what counts is the newest of each peer."""
-    told = [
+    said = [
         state(agent, seq=k, time_s=NOW + 0.05 * k, step=k // 2, done=bool(k % 2))
         for agent in (2, 3)
         for k in range(1, 8)
     ]
-    heard = data.draw(st.lists(st.sampled_from(told), min_size=1, max_size=25))
+    heard = data.draw(st.lists(st.sampled_from(said), min_size=1, max_size=25))
     peers = Peers(plan(), OWN)
     for each in heard:
         peers.hear(each, NOW + 0.5)
     newest = [_newest(heard, agent) for agent in (2, 3)]
-    assert barrier().members(peers.snapshot(NOW + 0.6)) == newest
+    assert compared(peers.snapshot(NOW + 0.6)) == newest
 
 
 def _newest(heard: list[AgentState], agent: int) -> tuple[int, bool]:
@@ -105,26 +109,26 @@ def test_a_mission_that_goes_on_does_so_without_the_lost(
 ) -> None:
     """The policy `continue`, in flight: the barrier waits for the others alone."""
     peers = snapshot(other, peer(3))
-    assert barrier(GOING_ON).lost(peers) == ({2} if lost else set())
-    assert len(barrier(GOING_ON).members(peers)) == (1 if lost else 2)
+    assert group(GOING_ON).lost(peers, airborne=True) == ({2} if lost else set())
+    assert len(compared(peers, GOING_ON)) == (1 if lost else 2)
 
 
 @pytest.mark.parametrize("policy", [Policy.HOLD, Policy.LAND, Policy.RETURN])
 def test_by_any_other_policy_the_mission_waits(policy: Policy) -> None:
     waiting = plan(policies=Policies(agent_lost=policy))
-    assert barrier(waiting).lost(snapshot(peer(2, 60.0), peer(3))) == set()
+    assert group(waiting).lost(snapshot(peer(2, 60.0), peer(3)), airborne=True) == set()
 
 
 def test_on_the_ground_no_peer_is_left_behind() -> None:
-    assert barrier(GOING_ON, was_armed=False).lost(snapshot(peer(2, 60.0), peer(3))) == set()
+    assert group(GOING_ON).lost(snapshot(peer(2, 60.0), peer(3)), airborne=False) == set()
 
 
 # --- the formation's error ---
 
 
-def formed(of: Plan | None = None, **changes: Any) -> FlightContext:
-    """The record of a flight whose shape is the starts' row."""
-    made = context(of, **changes)
+def formed(of: Plan | None = None, step: int = HOLD) -> Group:
+    """Its shape is the starts' row."""
+    made = Own(of, step).group
     made.reference.form(SLOTS)
     return made
 
@@ -134,8 +138,8 @@ def error_m(
     of: Plan | None = None,
     own: OwnFix | None = fix(),  # noqa: B008 - frozen
 ) -> float | None:
-    measured = Barrier(formed(of))
-    measured.measure(tick(*peers, fix=own))
+    measured = formed(of)
+    measured.measure(tick(*peers, fix=own), NOWHERE, airborne=True)
     return measured.formation_error_m
 
 
@@ -181,24 +185,26 @@ def test_it_is_measured_without_the_lost() -> None:
 def test_while_a_shape_turns_the_stop_points_count() -> None:
     """The vehicles lag behind their places, their stop points do not."""
     turning = plan(RotateStep(1.0, 1.0, 0.5, 2.0, 60.0))
-    measured = Barrier(formed(turning, step=LAST))
-    measured.measure(tick(beside(2, 3.0), beside(3, -3.0)))
+    measured = formed(turning, step=LAST)
+    measured.measure(tick(beside(2, 3.0), beside(3, -3.0)), NOWHERE, airborne=True)
     assert measured.formation_error_m == pytest.approx(0.0)
 
 
 def test_it_is_measured_five_times_a_second() -> None:
-    measured = Barrier(formed())
-    measured.measure(tick())
-    measured.measure(tick(beside(2, 3.0), beside(3, 0.0), now=NOW + 0.19))
+    measured, off = formed(), (beside(2, 3.0), beside(3, 0.0))
+    measured.measure(tick(), NOWHERE, airborne=True)
+    measured.measure(
+        tick(beside(2, 3.0), beside(3, 0.0), now=NOW + 0.19), (0.0, 0.0), airborne=True
+    )
     assert measured.formation_error_m == pytest.approx(0.0)
-    measured.measure(tick(beside(2, 3.0), beside(3, 0.0), now=NOW + 0.2))
+    measured.measure(tick(*off, now=NOW + 0.2), NOWHERE, airborne=True)
     assert measured.formation_error_m == pytest.approx(2.0)
 
 
 def test_a_new_shape_forgets_the_error_of_the_old_one() -> None:
-    measured = Barrier(formed())
-    measured.measure(tick())
+    measured = formed()
+    measured.measure(tick(), NOWHERE, airborne=True)
     measured.forget_shape()
     assert measured.formation_error_m is None
-    measured.measure(tick(now=NOW + 0.01))
+    measured.measure(tick(now=NOW + 0.01), NOWHERE, airborne=True)
     assert measured.formation_error_m is not None

@@ -1,0 +1,210 @@
+"""What lasts from tick to tick of one agent's flight, each with one owner that alone writes it:
+what has become of the vehicle, what stops the mission, and what was said.
+
+Times are on the agent's clock [s], heights above its take-off point [m].
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Final
+
+from swarm_ctl.core.agent.failsafes import FailsafeTrigger
+from swarm_ctl.core.agent.progress import Progress
+from swarm_ctl.core.agent.tick import Tick
+from swarm_ctl.core.control.navigation import OwnFix
+from swarm_ctl.core.model.causes import Cause, FailsafeAction
+from swarm_ctl.core.model.messages import Event, Outcome, Severity
+from swarm_ctl.core.model.vehicle import FALLS_MPS, VehicleView
+
+_FLOWN_M: Final = 1.0
+"""A position estimate on the ground wanders by less."""
+_FELL_S: Final = 5.0
+"""From a fall to the heartbeats that say `disarmed`: they come once a second."""
+_SUNK_M: Final = 3.0
+"""Far below the height to keep: this much, and half of the height. A baro drifts by less in a
+flight."""
+
+
+@dataclass(slots=True)
+class Log:
+    """What an agent has to say. Each tick's events go out with it."""
+
+    agent: int
+    events: list[Event] = field(default_factory=list)
+
+    def say(self, now: float, severity: Severity, text: str) -> None:
+        """A line."""
+        self.events.append(Event(self.agent, now, severity, text))
+
+    def take(self) -> tuple[Event, ...]:
+        """What was said since it was last taken."""
+        taken, self.events = tuple(self.events), []
+        return taken
+
+
+@dataclass(slots=True)
+class OwnVehicle:
+    """What has become of the own vehicle in this flight."""
+
+    arming_s: float = -math.inf
+    """When the vehicle was last asked to arm, or taken over in the air."""
+    was_armed: bool = False
+    had_control: bool = False
+    """The vehicle has followed our setpoints in this flight."""
+    landing_s: float | None = None
+    ended_s: float | None = None
+    flown: bool = False
+    """The vehicle was in the air in this flight."""
+    fell_s: float = -math.inf
+    """When it last went down as fast as only a fall does."""
+    sunk_since_s: float | None = None
+    """Since when it has been far below the height that it had reached and is to keep."""
+    at_height: bool = False
+    """It has reached its planned height."""
+    ground_m: float = 0.0
+    """Height of the take-off point in the common frame."""
+    target_height_m: float = 0.0
+    planned_height_m: float = 0.0
+
+    @property
+    def ours(self) -> bool:
+        """This process asked the vehicle to arm, or took it over: it may tell it to land."""
+        return math.isfinite(self.arming_s)
+
+    def height(self, fix: OwnFix) -> float:
+        """Above the take-off point [m]."""
+        return fix.height_m - self.ground_m
+
+    def fell(self, now: float) -> bool:
+        """It has just gone down as fast as only a fall does."""
+        return now - self.fell_s <= _FELL_S
+
+    def sunk_s(self, now: float) -> float:
+        """For how long the vehicle has been far below its height [s]; 0: it is not."""
+        return 0.0 if self.sunk_since_s is None else now - self.sunk_since_s
+
+    # --- what is seen ---
+
+    def observe(self, view: VehicleView) -> None:
+        """Note that the vehicle armed, or followed our setpoints, by our own doing."""
+        self.was_armed |= view.armed and self.ours
+        self.had_control |= self.was_armed and view.controlled
+
+    def watch_height(self, tick: Tick) -> None:
+        """Note that the vehicle flies, that it is at its height, and that it has sunk far below."""
+        fix, height_m = tick.newest_fix, self.target_height_m
+        if fix is None or not (self.was_armed and tick.view.armed):
+            return
+        missing_m = height_m - self.height(fix)
+        if fix.velocity_ned_mps[2] > FALLS_MPS:
+            self.fell_s = tick.now
+        self.flown |= self.height(fix) > _FLOWN_M and not tick.view.on_ground
+        # Where a hold has stopped the climb is no height that it had reached.
+        there = abs(self.planned_height_m - self.height(fix)) < _FLOWN_M
+        self.at_height |= self.flown and self.had_control and there
+        if not self.at_height or missing_m <= max(_SUNK_M, 0.5 * height_m):
+            self.sunk_since_s = None
+        elif self.sunk_since_s is None:
+            self.sunk_since_s = tick.now
+
+    # --- what is done with it ---
+
+    def ask_to_arm(self, now: float, fix: OwnFix | None) -> None:
+        """From here it takes off."""
+        if fix is not None:
+            self.ground_m = fix.height_m
+        self.arming_s = now
+
+    def take_over(self, now: float, ground_m: float) -> None:
+        """It was found in the air."""
+        self.arming_s, self.was_armed, self.ground_m = now, True, ground_m
+
+    def leave(self, now: float) -> None:
+        """It was found in the air, and flies on without us: as if it had been ours."""
+        self.arming_s = now
+
+    def climb_to(self, height_m: float) -> None:
+        """The mission's height from now on."""
+        self.target_height_m = self.planned_height_m = height_m
+
+    def go_home_at(self, height_m: float) -> None:
+        """The height of the way back."""
+        self.target_height_m = height_m
+
+    def stop_climbing(self, fix: OwnFix | None) -> None:
+        """Never climb on while stopping."""
+        if fix is not None:
+            self.target_height_m = min(self.target_height_m, self.height(fix))
+
+    def climb_again(self) -> None:
+        """Back to the mission's height."""
+        self.target_height_m = self.planned_height_m
+
+    def take_back(self) -> None:
+        """From a pilot, who flew where he liked."""
+        self.sunk_since_s, self.at_height = None, False
+        self.climb_again()
+
+    def land(self, now: float) -> None:
+        """It is told to land from now on."""
+        self.landing_s = now
+
+    def end(self, now: float) -> None:
+        """Its flight is over, or nothing is left to fly."""
+        self.ended_s = now
+
+
+class Interruption:
+    """What stops the mission: the failsafe that is carried out, and since when. Without one the
+    mission goes on."""
+
+    def __init__(self, vehicle: OwnVehicle, progress: Progress, log: Log) -> None:
+        self._vehicle, self._progress, self._log = vehicle, progress, log
+        self.trigger: FailsafeTrigger | None = None
+        self.since_s = math.inf
+
+    @property
+    def reason(self) -> str:
+        """Why the mission is stopped, or ''."""
+        return self.trigger.reason if self.trigger else ""
+
+    @property
+    def holds(self) -> bool:
+        """The mission waits until the cause is gone."""
+        return self.trigger is not None and self.trigger.action is FailsafeAction.HOLD
+
+    @property
+    def outcome(self) -> Outcome:
+        """How the flight ended."""
+        if self._vehicle.ended_s is None:
+            return Outcome.RUNNING
+        return self.trigger.outcome if self.trigger else Outcome.COMPLETED
+
+    def heed(self, tick: Tick, trigger: FailsafeTrigger | None) -> None:
+        """A failsafe fires, or (None) its cause is gone and the mission goes on."""
+        if trigger is None:
+            self._log.say(tick.now, Severity.INFO, "going on")
+            self._vehicle.climb_again()
+        else:
+            old = self.trigger
+            same = old is not None and (old.action, old.cause) == (trigger.action, trigger.cause)
+            # A hold fires anew with each other figure in its reason; another peer is another case.
+            if not same or trigger.cause is Cause.PEER:
+                severity = Severity.ERROR if trigger.outcome is Outcome.FAILED else Severity.WARNING
+                self._log.say(tick.now, severity, f"{trigger.action}: {trigger.reason}")
+            if trigger.action is not FailsafeAction.HOLD:
+                self._progress.break_off(trigger.step_outcome, tick.now)
+        self.trigger, self.since_s = trigger, tick.now
+        self._vehicle.stop_climbing(tick.newest_fix)
+
+    def go_over_to(self, trigger: FailsafeTrigger, *, anew_s: float | None = None) -> None:
+        """What is carried out has come to this; `anew_s`: it begins again at that time."""
+        self.trigger = trigger
+        if anew_s is not None:
+            self.since_s = anew_s
+
+    def lift(self) -> None:
+        """By the operator's word the mission goes on."""
+        self.trigger = None

@@ -1,0 +1,304 @@
+"""The group that an agent flies in: its members, their steps and the barrier between them, their
+shape with its frame, its graph and the roles in it, and whom it is flown without."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from swarm_ctl.core.agent.failsafes import FailsafeTrigger, gave_up, left_by_order, progress_of
+from swarm_ctl.core.agent.flight import Log
+from swarm_ctl.core.agent.progress import Progress
+from swarm_ctl.core.agent.tick import Tick
+from swarm_ctl.core.control.reference import Reference
+from swarm_ctl.core.law.formation import error_of_one
+from swarm_ctl.core.model.causes import FailsafeAction
+from swarm_ctl.core.model.messages import AgentState, Severity
+from swarm_ctl.core.model.plan import GroupPlan, Plan, Point, Policy
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.step import Step
+from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.core.swarm.neighbourhood import Neighbourhood
+from swarm_ctl.core.swarm.peers import Peers
+from swarm_ctl.core.swarm.slot_exchange import SlotExchange
+from swarm_ctl.core.swarm.snapshot import (
+    Formation,
+    FormationKey,
+    OtherAircraft,
+    PeerSnapshot,
+    predicted_s,
+)
+
+_MEASURE_EVERY_S = 0.2
+_LEADS_M: Final = 1.0
+"""So far ahead of all others in the shape is one that they follow."""
+_FLIES_MPS: Final = 0.1
+"""A vehicle that is slower flies nowhere."""
+ALONE_S: Final = 15.0
+"""A command for all reaches all within ten seconds, or its sender gives it up."""
+
+
+class Group:
+    """One agent's group. `now` [s, own clock] is when the agent starts."""
+
+    def __init__(
+        self, plan: Plan, group: GroupPlan, own_id: int, peers: Peers, now: float, log: Log
+    ) -> None:
+        self._policies, self._unit_m, self._own = plan.policies, plan.unit_m, own_id
+        self._log = log
+        self.name, self.ids = group.name, group.ids
+        self.progress = Progress(group, plan.prepare_timeout_s, now)
+        self.reference = Reference(plan, group, own_id)
+        self.neighbourhood = Neighbourhood(group, own_id)
+        self.slot_exchange = SlotExchange(plan, group, own_id, peers)
+        self._measure_due = -math.inf
+        self._held_since: dict[int, float] = {}
+        """By agent: since when it flies a command that this agent does not."""
+        self._alone_since = math.inf
+        self.departed: dict[int, str] = {}
+        """The peers that have left the formation, by id, and why: by an operator's order, or
+        because a command has held them for longer than the mission waits."""
+        self.accepted: set[int] = set()
+        """Those of them that the operator has commanded to go on without."""
+        self.formation_error_m: float | None = None
+        """Largest |e_j - mean e| over the agents of the mission, itself included; None unless all
+        of their states are fresh, or, of far peers, followed: the loss of three far words in a row
+        is common among many, and must not stop the formation."""
+
+    # --- the barrier ---
+
+    def told(self, peers: PeerSnapshot, *, airborne: bool) -> list[tuple[int, bool]]:
+        """The progress that the barrier compares, (step, done), of every peer that it waits for.
+
+        A silent peer blocks the barrier, unless the mission goes on without it.
+        """
+        lost = self.lost(peers, airborne=airborne)
+        return [self._progress(peer) for peer in peers.peers if peer.id not in lost]
+
+    def _progress(self, peer: OtherAircraft) -> tuple[int, bool]:
+        if peer.state is None:
+            return (-1, False)
+        told = progress_of(peer.state)
+        completed = told >= (len(self.progress.steps), True)  # silent because of that
+        recent = peer.silent_s <= self._policies.agent_lost_after_s
+        return told if completed or recent else (-1, False)
+
+    def lost(self, peers: PeerSnapshot, *, airborne: bool) -> set[int]:
+        """The peers that the mission goes on without: those that have left, and, where the policy
+        `agent_lost` is `continue` and the flight has begun, those that are not heard for long or
+        gave up."""
+        policies = self._policies
+        if policies.agent_lost is not Policy.CONTINUE or not airborne:
+            return set(self.departed)
+        return self.departed.keys() | {
+            peer.id
+            for peer in peers.peers
+            if peer.state is not None
+            and (
+                peer.silent_s > policies.agent_lost_after_s
+                or (peer.ends and gave_up(peer, self.progress.steps))
+            )
+        }
+
+    # --- whom a command holds, and who has left ---
+
+    def watch_commands(
+        self, tick: Tick, own_override: int, interrupted: FailsafeTrigger | None
+    ) -> None:
+        """Note which peers carry out a command that was not given to this agent, and which have
+        left; call it every tick."""
+        self._watch_held(tick, own_override)
+        self._watch_alone(tick, own_override)
+        before, pause_s = self.departed, self._policies.override_pause_s
+        held = self._held_since.keys() - self.waits_for(tick.now).keys()
+        self.departed = {i: f"a command has held agent {i} for {pause_s:g} s" for i in held}
+        for peer in tick.members.peers:
+            if peer.expelled:
+                self.departed[peer.id] = f"agent {peer.id} was expelled by the operator"
+            elif peer.left is not None and peer.state is not None:
+                self.departed[peer.id] = left_by_order(peer.state)
+        self.accepted &= self.departed.keys()
+        self.slot_exchange.departed = self.departed
+        goes_on = self._policies.left_by_order is Policy.CONTINUE
+        if not self.departed or not goes_on or interrupted is not None:
+            return
+        for agent in sorted(self.departed.keys() - before.keys()):
+            self._log.say(tick.now, Severity.INFO, f"goes on: {self.departed[agent]}")
+
+    def held(self, interrupted: FailsafeTrigger | None) -> bool:
+        """This agent is held until the operator's `resume`, because agents have left."""
+        stopped = interrupted is not None and interrupted.action is FailsafeAction.HOLD
+        by_policy = self._policies.left_by_order is Policy.HOLD
+        return stopped and by_policy and bool(self.departed.keys() - self.accepted)
+
+    def accept(self) -> None:
+        """The operator commands to go on without those that have left."""
+        self.accepted = set(self.departed)
+
+    def _watch_held(self, tick: Tick, own_override: int) -> None:
+        held = [p.id for p in tick.members.peers if p.held and p.left is None and not own_override]
+        for agent in held:
+            if agent not in self._held_since:
+                pause_s = self._policies.override_pause_s
+                text = f"waits for agent {agent}, which a command holds: {pause_s:g} s at most"
+                self._log.say(tick.now, Severity.INFO, text)
+        self._held_since = {agent: self._held_since.get(agent, tick.now) for agent in held}
+
+    def _watch_alone(self, tick: Tick, own_override: int) -> None:
+        """Peers fly the formation, and none of them the command that this agent flies."""
+        if not own_override:
+            self._alone_since = math.inf
+            return
+        flying = [p.formation[2] for p in tick.members.peers if p.formation and p.left is None]
+        alone = flying and own_override not in flying
+        self._alone_since = min(self._alone_since, tick.now) if alone else math.inf
+
+    def alone(self, now: float) -> bool:
+        """For `ALONE_S` no peer has flown the command that this agent flies."""
+        return now - self._alone_since > ALONE_S
+
+    def waits_for(self, now: float) -> dict[int, float]:
+        """The agents that a command holds, and for how long the mission still waits for each
+        [s]."""
+        if not self._held_since:
+            return {}
+        pause_s = self._policies.override_pause_s
+        left = {i: pause_s - (now - since) for i, since in self._held_since.items()}
+        return {i: left_s for i, left_s in left.items() if left_s > 0}
+
+    def waiting(self, now: float) -> str:
+        """Which agents the mission waits for because of a command, or ''."""
+        left = self.waits_for(now)
+        if not left:
+            return ""
+        # Whole tens, so that a status is new only now and then.
+        seconds = 10 * math.ceil(min(left.values()) / 10)
+        return f"waits for {agents_named(sorted(left))}, held by a command: {seconds} s at most"
+
+    # --- the shape ---
+
+    def key(self, override: int) -> FormationKey:
+        """Of what this agent flies, `override` being the command in place of the step."""
+        return (self.name, self.progress.step, override)
+
+    def begin_form(self, step: FormStep) -> None:
+        """Begin a form step of the mission: its shape by slot index, its graph, its exchanges."""
+        exchange = self.slot_exchange
+        self.reference.form(step.slots, exchange.roles)
+        if step.neighbours is not None:
+            self.neighbourhood.choose(exchange.in_roles(step.neighbours))
+        exchange.begin(step.slots)
+
+    def formation(
+        self, tick: Tick, step: Step, override: int, own_m: Point, *, free: bool
+    ) -> tuple[Formation, Point, Point | None]:
+        """The formation of this tick, the own place's velocity in it [m/s], and on the agent that
+        is pinned to its place how far it is off [m].
+
+        Args:
+            tick: what is heard.
+            step: the mission's, or the command's.
+            override: the command's tag, or 0.
+            own_m: the own stop point.
+            free: this agent may be the pinned one.
+        """
+        reference, key = self.reference, self.key(override)
+        extra, common, spin, off = (0.0, 0.0), 0j, 0j, None
+        if step.new_shape is None:
+            others = tick.members.without(self.departed)
+            reference.follow(others, step, key, own_m, self.formation_error_m, free=free)
+            extra = reference.feed_forward(step)
+            off = reference.off_m(own_m) if reference.leads and reference.slots else None
+            common, spin = complex(*reference.common_mps(step)), reference.spin(step)
+        formation = Formation(reference.slots, self.neighbourhood.own, common, key, spin)
+        return formation, extra, off
+
+    def forget_shape(self) -> None:
+        """Another shape is flown from now on: what was measured is the one before."""
+        self.formation_error_m = None
+        self._measure_due = -math.inf
+
+    def measure(self, tick: Tick, own_m: Point, *, airborne: bool) -> None:
+        """Keep `formation_error_m` up to date; call it every tick. `own_m` is the own stop
+        point."""
+        if tick.now >= self._measure_due:
+            self._measure_due = tick.now + _MEASURE_EVERY_S
+            self.formation_error_m = self._error_m(tick, complex(*own_m), airborne=airborne)
+
+    def _error_m(self, tick: Tick, own: complex, *, airborne: bool) -> float | None:
+        shape, fix, peers = self.reference.slots, tick.fix, tick.members
+        if not shape or fix is None:
+            return None
+        lost = self.lost(peers, airborne=airborne)
+        members = [p for p in peers.peers if _counts(p) and p.id not in lost]
+        expected = sum(
+            not (peer.ends and gave_up(peer, self.progress.steps))
+            for peer in peers.peers
+            if peer.id not in lost
+        )
+        if len(members) < expected:
+            return None
+        step = self.progress.current
+        if step is not None and step.spins:
+            # The places move against each other. Vehicles lag behind them, their stop points do
+            # not.
+            at = [peer.stop_point + peer.setpoint * _since(peer, tick.now) for peer in members]
+        else:
+            own = complex(*fix.position_ned_m[:2])
+            at = [_position(p, tick.now) for p in members]
+        ids = [self._own, *(peer.id for peer in members)]
+        slots = [complex(shape[i][0] * self._unit_m, shape[i][1] * self._unit_m) for i in ids]
+        return error_of_one([own, *at], slots)
+
+    def leads(self, tick: Tick, own_m: Point) -> int | None:
+        """The peer that by its own word is ahead of all others in the shape, the way that this
+        vehicle flies. The law makes all follow it; a vehicle that is blown away leads itself."""
+        fix, slots = tick.newest_fix, self.reference.slots
+        velocity = complex(*fix.velocity_ned_mps[:2]) if fix is not None else 0j
+        if self._own not in slots or abs(velocity) < _FLIES_MPS:
+            return None
+        stops = {p.id: p.stop_point for p in tick.members.peers if _counts(p) and p.id in slots}
+        stops[self._own] = complex(*own_m)
+        way = velocity.conjugate() / abs(velocity)
+        ahead = {
+            i: (way * (at - complex(*slots[i]) * self._unit_m)).real for i, at in stops.items()
+        }
+        first, *others = sorted(ahead, key=lambda i: ahead[i], reverse=True)
+        led = others and ahead[first] - ahead[others[0]] > _LEADS_M
+        return first if led and first != self._own else None
+
+    def watch_neighbours(self, tick: Tick, *, airborne: bool) -> None:
+        """Bridge the graph where an agent is lost, and say which neighbours are not heard."""
+        neighbourhood = self.neighbourhood
+        said = neighbourhood.lose(self.lost(tick.members, airborne=airborne))
+        for severity, text in said + neighbourhood.watch(tick.members):
+            self._log.say(tick.now, severity, text)
+
+    # --- in the middle ---
+
+    def rejoin(self, now: float, step: int, flying: list[AgentState]) -> None:
+        """Go on at this step, with the formation as the peers have it that are `flying`."""
+        self.progress.rejoin(step, now)
+        for each in self.progress.steps[:step]:
+            if each.new_shape is not None:
+                self.begin_form(each.new_shape)
+        in_step = [state for state in flying if state.step == step]
+        if in_step:
+            self.reference.join(min(in_step, key=lambda state: state.agent).frame)
+
+
+def _since(peer: OtherAircraft, now: float) -> float:
+    """For how long [s] a far peer has flown on since its word; of a near one it counts as none."""
+    return min(peer.age(now), predicted_s(peer)) if peer.far else 0.0
+
+
+def _counts(peer: OtherAircraft) -> bool:
+    """Where it is, is known well enough to measure the formation."""
+    return peer.state is not None and (peer.followed if peer.far else peer.fresh)
+
+
+def _position(peer: OtherAircraft, now: float) -> complex:
+    if not peer.far or peer.state is None:
+        return peer.position
+    north, east, _ = peer.state.velocity_ned_mps
+    return peer.position + complex(north, east) * _since(peer, now)
