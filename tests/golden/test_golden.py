@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.core.law import formation_law
+from swarm_ctl.core.kernel import law
 from swarm_ctl.mavlink import outgoing
 from tests.golden.__main__ import main
 from tests.golden.traces import SUFFIX, differences, fly, read, rows
@@ -84,8 +84,13 @@ def test_the_first_difference_is_named(
     """A flight again is the same. With another gain of the law it is, until that acts."""
     before, _ = traces
     assert "1 flights, 0 differ" in _after(tmp_path / "again", capsys, before)
-    consensus = formation_law.consensus
-    monkeypatch.setattr(formation_law, "consensus", lambda *a, **k: 1.001 * consensus(*a, **k))
+    terms = law.terms
+
+    def stronger(*given: Any) -> tuple[complex, complex, int]:
+        consensus, *others = terms(*given)
+        return 1.001 * consensus, *others
+
+    monkeypatch.setattr(law, "terms", stronger)
     told = _after(tmp_path / "after", capsys, before)
     assert re.match(rf"{ROW}: at [\d.]+ s: agent \d+, link, SET_POSITION.*, v[xy]: ", told), told
 

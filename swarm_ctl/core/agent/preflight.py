@@ -9,7 +9,7 @@ from typing import Final
 
 from swarm_ctl.core.agent.tick import HeardStation, Tick
 from swarm_ctl.core.control.navigation import AGREE_M, Navigator
-from swarm_ctl.core.law.response_estimate import ResponseEstimate
+from swarm_ctl.core.law.own_response import OwnResponse
 from swarm_ctl.core.model.plan import AgentPlan, Plan, Policies, Policy, Response
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.timeouts import ESTIMATE_DOUBT_S, KEYS_VALID_S
@@ -168,7 +168,7 @@ class ResponseWatch:
     def __init__(self, response: Response) -> None:
         self._known_s, self._said = response.doubt_s, False
 
-    def look(self, estimate: ResponseEstimate) -> str:
+    def look(self, estimate: OwnResponse) -> str:
         """The warning, once the estimate is sure; '' before, and from then on."""
         late_s, doubt_s = estimate.late_s, estimate.doubt_s
         if self._said or doubt_s > _SURE_S or abs(late_s) <= self._known_s + doubt_s:

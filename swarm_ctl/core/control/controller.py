@@ -14,14 +14,15 @@ import numpy as np
 from swarm_ctl.core.control.headwind import Headwind
 from swarm_ctl.core.control.law_input import LawInput, LawInputBuilder, flies_along
 from swarm_ctl.core.control.navigation import OwnFix
-from swarm_ctl.core.law import formation_law, mean_error_feedback
+from swarm_ctl.core.kernel import align, law
+from swarm_ctl.core.kernel.wish import bent, shortened
+from swarm_ctl.core.law.formation_law import LawResult
 from swarm_ctl.core.law.laws import law_of
-from swarm_ctl.core.law.response_estimate import ResponseEstimate
+from swarm_ctl.core.law.own_response import OwnResponse
 from swarm_ctl.core.model.messages import Gains, PairReport, SigmaReport
 from swarm_ctl.core.model.plan import Compensation, Plan, Point, Response
 from swarm_ctl.core.model.timeouts import lead_s
 from swarm_ctl.core.safety.safety_filter import SafetyFilter
-from swarm_ctl.core.safety.wish import bent, shortened
 from swarm_ctl.core.swarm.snapshot import NO_FORMATION, Formation, PeerSnapshot
 
 _APPROACH_RATE = 1.0
@@ -45,16 +46,21 @@ class Controller:
         self._plan = plan
         self._own = own_id
         self._law_input = LawInputBuilder(plan, own_id)
-        self._formation_law = law_of(plan.law)
-        self.estimate = ResponseEstimate(vehicle, plan.tick_s)
+        self._own_law = law_of(plan.law) if plan.law.own else None
+        self.estimate = OwnResponse(vehicle, plan.tick_s)
         self.headwind = Headwind(vehicle, plan.tick_s)
         self._located_s, self._down_m = math.inf, 0.0
         self.safety_filter = SafetyFilter(plan, own_id, vehicle, self.estimate)
         self._most_rate = vehicle.most_rate
         self.set_gains(Gains(plan.law.delta_a, plan.law.delta_l, plan.law.h, plan.kappa))
-        self._result: formation_law.LawResult | None = None
         self._others: LawInput | None = None
-        self._tally = np.zeros(len(formation_law.STATUSES), dtype=np.int64)
+        """Of the last evaluation, as the next three."""
+        self._result = (0j, 0j)
+        """Consensus and avoidance [units]."""
+        self._pairs: list[law.Pair] = []
+        self._seen = 0
+        """So many of the pairs are of it: those inside r_out."""
+        self._tally = [0] * len(law.STATUSES)
         self.overspeed_ticks = 0
         self.setpoint_mps: Point = (0.0, 0.0)
         """This tick's."""
@@ -69,7 +75,8 @@ class Controller:
         `h` is less where the vehicle is too slow for it."""
         h = min(gains.h, self._most_rate / gains.kappa)
         self.gains = gains
-        self._law = replace(self._plan.law, h=h, delta_l=gains.delta_l, delta_a=gains.delta_a)
+        of = self._plan.law
+        self._law = law.Law(of.r, of.r_out, of.r_in, h, gains.delta_l, gains.delta_a)
         self._iteration_mps = self._plan.unit_m * gains.kappa
         self.gain = gains.kappa * h
         """The law's own rate [1/s]."""
@@ -78,7 +85,7 @@ class Controller:
     @property
     def tally(self) -> dict[str, int]:
         """Pair-ticks by sigma status since the start."""
-        return dict(zip(formation_law.STATUSES, self._tally.tolist(), strict=True))
+        return dict(zip(law.STATUSES, self._tally, strict=True))
 
     def locate(self, fix: OwnFix, now: float) -> None:
         """Work out the own stop point for the tick at `now` [s]."""
@@ -161,7 +168,7 @@ class Controller:
 
     def rest(self) -> None:
         """No setpoint of ours moves the vehicle in this tick."""
-        self._result = None
+        self._seen = 0
         self.setpoint_mps = (0.0, 0.0)
         self.estimate.rest()
         self.headwind.rest()
@@ -182,44 +189,55 @@ class Controller:
         consensus, avoidance = self._evaluate(others, own, slot)
         consensus *= rate
         if self._plan.safety.align and formation.key is not None:
-            errors, count = others.errors_along(), sum(others.along)
-            consensus += mean_error_feedback.pull(own - slot, errors, count) * unit
+            errors = np.array(others.errors_along(), dtype=np.complex128)
+            total, count = complex(np.add.reduce(errors)), sum(others.along)
+            consensus += align.pull(own - slot, total, count) * unit
         return consensus, avoidance * rate
 
     def _evaluate(self, others: LawInput, own: complex, slot: complex) -> tuple[complex, complex]:
         """The law's two terms [units]."""
-        self._result, self._others = None, others
-        plain = self._formation_law is formation_law.evaluate
-        if plain and not others.near(own, self._law.r_out):
-            return formation_law.consensus(own - slot, others.errors_linked(), self._law), 0j
-        result = self._formation_law(
-            np.array([[own.real, own.imag]]),
-            np.array([[slot.real, slot.imag]]),
-            *others.arrays(),
-            self._law,
-        )
-        if result.pairs is not None:
-            counts = np.bincount(result.pairs.status, minlength=len(formation_law.STATUSES))
-            self._tally += counts
-            self.overspeed_ticks += bool(counts[formation_law.OVERSPEED])
-        self._result = result
-        (north, east), (away_north, away_east) = (
-            result.consensus[0].tolist(),
-            result.avoidance[0].tolist(),
-        )
-        return complex(north, east), complex(away_north, away_east)
+        self._others = others
+        if self._own_law is not None:
+            arrays = np.array([[own.real, own.imag]]), np.array([[slot.real, slot.imag]])
+            gains = self._law
+            parameters = replace(
+                self._plan.law, h=gains.h, delta_l=gains.delta_l, delta_a=gains.delta_a
+            )
+            result = self._own_law(*arrays, *others.arrays(), parameters)
+            self._pairs = _pairs_of(result)
+            self._seen = len(self._pairs)
+            terms = (complex(*term[0].tolist()) for term in (result.consensus, result.avoidance))
+            consensus, avoidance = terms
+        else:
+            consensus, avoidance, self._seen = law.terms(
+                own,
+                slot,
+                others.points,
+                others.slots,
+                others.linked,
+                others.present,
+                others.lower,
+                self._law,
+                self._pairs,
+            )
+        statuses = [pair.status for pair in self._pairs[: self._seen]]
+        for status in statuses:
+            self._tally[status] += 1
+        self.overspeed_ticks += law.OVERSPEED in statuses
+        self._result = consensus, avoidance
+        return consensus, avoidance
 
     def _around(self, wish: complex) -> complex:
         """The wish, bent around each aircraft within `r_out` that does not fly along: lost peers,
         landing ones, strangers. Reads this tick's result of the law."""
-        if self._result is None or self._result.pairs is None or not wish or self._others is None:
+        if not wish or self._others is None:
             return wish
-        pairs, unit, law = self._result.pairs, self._plan.unit_m, self._plan.law
-        for k, column in enumerate(pairs.index[-1].tolist()):
-            if flies_along(self._others.aircraft[column]):
+        unit, of = self._plan.unit_m, self._plan.law
+        for pair in self._pairs[: self._seen]:
+            if flies_along(self._others.aircraft[pair.place]):
                 continue
-            room_m = (float(pairs.distance[k]) - 0.5 * (law.r_in + law.r_out)) * unit
-            away = complex(*self.point_m) / unit - self._others.points[column]
+            room_m = (pair.distance - 0.5 * (of.r_in + of.r_out)) * unit
+            away = complex(*self.point_m) / unit - self._others.points[pair.place]
             wish = bent(wish, away, max(0.0, _APPROACH_RATE * room_m))
         return wish
 
@@ -232,30 +250,39 @@ class Controller:
 
     def sigma_report(self, now: float) -> SigmaReport | None:
         """All pairs of the last evaluation; None where no aircraft was within `r_out`."""
-        result, others = self._result, self._others
-        if result is None or result.pairs is None or others is None:
+        others, (consensus, avoidance) = self._others, self._result
+        if not self._seen or others is None:
             return None
-        pairs = result.pairs
         return SigmaReport(
             self._own,
             now,
-            (float(result.consensus[0, 0]), float(result.consensus[0, 1])),
-            (float(result.avoidance[0, 0]), float(result.avoidance[0, 1])),
-            tuple(_pair(pairs, k, others) for k in range(len(pairs.distance))),
+            (consensus.real, consensus.imag),
+            (avoidance.real, avoidance.imag),
+            tuple(_report_of(pair, others) for pair in self._pairs[: self._seen]),
         )
 
 
-def _pair(pairs: formation_law.Pairs, k: int, others: LawInput) -> PairReport:
-    d = float(pairs.d[k])
+def _pairs_of(result: LawResult) -> list[law.Pair]:
+    """What an own law tells of pairs; none where it tells nothing."""
+    told = result.pairs
+    if told is None:
+        return []
+    columns = (told.distance, told.neighbour, told.sigma, told.sigma_lb, told.d_lb, told.d_ub)
+    more = (told.d, told.alpha, told.status)
+    rows = zip(told.index[-1].tolist(), *(each.tolist() for each in (*columns, *more)), strict=True)
+    return [law.Pair(place, 0j, *numbers) for place, *numbers in rows]
+
+
+def _report_of(pair: law.Pair, others: LawInput) -> PairReport:
     return PairReport(
-        others.aircraft[int(pairs.index[-1][k])].id,
-        bool(pairs.neighbour[k]),
-        formation_law.STATUSES[int(pairs.status[k])],
-        float(pairs.distance[k]),
-        float(pairs.sigma[k]),
-        float(pairs.sigma_lb[k]),
-        float(pairs.d_lb[k]),
-        float(pairs.d_ub[k]),
-        None if math.isnan(d) else d,
-        float(pairs.alpha[k]),
+        others.aircraft[pair.place].id,
+        pair.neighbour,
+        law.STATUSES[pair.status],
+        pair.distance,
+        pair.sigma,
+        pair.sigma_lb,
+        pair.d_lb,
+        pair.d_ub,
+        None if math.isnan(pair.d) else pair.d,
+        pair.alpha,
     )

@@ -11,7 +11,6 @@ p_j`, `x = |q|`, `S = q . n`, `C = q x n`, `beta = h / N^2`, `D_lb`/`D_ub` the b
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -112,19 +111,6 @@ def evaluate(
     push[..., 1][index] = pairs.alpha * q_y
     avoidance = push.sum(axis=-2)
     return LawResult(consensus + avoidance, consensus, avoidance, pairs)
-
-
-def consensus(error: complex, neighbours: Sequence[complex], law: LawParameters) -> complex:
-    """The first term of (26) alone, for one agent: what `evaluate` gives to the last bit, at a
-    tenth of its time. Vectors are north + 1j * east.
-
-    Args:
-        error: e_i.
-        neighbours: their e_j.
-        law: h.
-    """
-    n = sum(((other - error) for other in neighbours), start=0j)
-    return n * (law.h / max(len(neighbours), 1))
 
 
 def gains(h: Any, count: Any) -> tuple[Any, Any]:

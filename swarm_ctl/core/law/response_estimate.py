@@ -14,7 +14,7 @@ the model's is found only as far as it acts like a dead time, in long legs.
 
 `doubt_s` is by how much the response may still be off. It starts with the model's own doubt and
 falls as the vehicle moves, so an agent that has not flown yet is careful near others
-(`core/safety/constraints.py`).
+(`core/kernel/constraints.py`).
 
 Written once for one vehicle and for arrays of them (`core/model/arrays.py`); metres, seconds.
 """

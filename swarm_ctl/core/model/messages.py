@@ -179,7 +179,7 @@ class AgentState:
     exchange: ExchangeState = NO_EXCHANGE
     response_s: float = 0.0
     """From a setpoint to the flown velocity: dead time and lag, as estimated in flight
-    (`core/law/response_estimate.py`)."""
+    (`core/kernel/response.py`)."""
     doubt_s: float = 0.0
     """By how much that may be off."""
     left: CommandKind | None = None

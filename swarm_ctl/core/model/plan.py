@@ -95,8 +95,8 @@ class Compensation(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Safety:
-    """What stands between the law and the vehicles (`core/safety/constraints.py`,
-    `core/safety/deadlock.py`, `core/law/mean_error_feedback.py`)."""
+    """What stands between the law and the vehicles (`core/kernel/constraints.py`,
+    `core/kernel/release.py`, `core/kernel/align.py`)."""
 
     filter: bool = True
     """No setpoint that brings two vehicles closer than their keep-out distance."""

@@ -1,18 +1,7 @@
-"""The constraints between the law's wish and a vehicle, as half-planes of velocities.
+"""The constraints of `core/kernel/constraints.py` for arrays of agents, until studies fly the
+kernel itself: a test holds the two together.
 
-For each other aircraft j that may be near, `q` points to the own stop point from the nearest place
-that j's may have reached, and `x = |q|`:
-
-    q/x . v >= min(0.5 v_max, -RATE share (x - D_j))               keep-out: `keep_out_plane`
-    |v| <= slow + min((v_max - slow) (x - D_j) / zone, sqrt(2 a (x - D_j))),
-    |v| <= (spare + x - D_j) / (2 unsure)                          caution near D: `cap`
-    -q/x . v >= min(0.45 v_max, -0.5 (0.98 r - x) + undone)        guard of a link: `guard_plane`
-
-`core/safety/velocity_qp.py` finds the velocity nearest to the wish that satisfies them all. What is
-proven, under which assumptions, and what is only measured: `docs/pages/safety.md`.
-
-Each formula serves one agent (`ONE`) and arrays of agents (`MANY`). A horizontal vector is the
-complex number north + 1j * east, in any one unit of length.
+A horizontal vector is the complex number north + 1j * east, in any one unit of length.
 """
 
 from __future__ import annotations

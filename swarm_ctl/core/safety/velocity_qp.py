@@ -1,27 +1,14 @@
-"""The velocity nearest to a wish that a disc and half-planes allow: an exact quadratic program in
-two dimensions.
-
-A half-plane is `n . v >= b` with a unit normal n. Solved incrementally, as linear programs of few
-dimensions are (de Berg et al., Computational Geometry, ch. 4; ORCA does the same): the best so far
-stays best while nothing forbids it; otherwise the best lies on the line that does. Where nothing is
-allowed, all planes are relaxed by the same least slack: none is dropped. Written twice: for one
-agent in plain Python (a tick has a handful of planes, numpy would cost ten times as much), and for
-arrays of agents. A test holds them together.
-"""
+"""The program of `core/kernel/program.py` for arrays of agents: a test holds the two together."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-Plane: TypeAlias = tuple[float, float, float]
-"""(n_north, n_east, b)."""
 
 _EXACT: Final = 1e-9
 _PARALLEL: Final = 1e-12
@@ -31,85 +18,10 @@ UNBOUND: Final = -1e6
 """The b of a plane that forbids nothing: it fills rows of the arrays up."""
 
 
-def nearest(
-    wish: tuple[float, float], planes: Sequence[Plane], cap: float
-) -> tuple[float, float] | None:
-    """The v with |v| <= cap inside all planes that is nearest to `wish`; None where there is
-    none."""
-    x, y = wish
-    size = math.hypot(x, y)
-    if size > cap:
-        x, y = x / size * cap, y / size * cap
-    for k, (nx, ny, b) in enumerate(planes):
-        if nx * x + ny * y >= b - _EXACT:
-            continue
-        room = cap * cap - b * b
-        if room < 0.0:
-            return None
-        high = math.sqrt(room)
-        low = -high
-        for mx, my, c in planes[:k]:
-            slope, missing = my * nx - mx * ny, c - b * (mx * nx + my * ny)
-            if abs(slope) < _PARALLEL:
-                if missing > _EXACT:
-                    return None
-            elif slope > 0.0:
-                low = max(low, missing / slope)
-            else:
-                high = min(high, missing / slope)
-        if low > high:
-            return None
-        along = min(max(ny * -wish[0] + nx * wish[1], low), high)
-        x, y = b * nx - along * ny, b * ny + along * nx
-    return x, y
-
-
-def relaxed(
-    wish: tuple[float, float], hard: Sequence[Plane], soft: Sequence[Plane], cap: float
-) -> tuple[tuple[float, float], float]:
-    """As `nearest`, giving way where not all planes are possible together: the soft ones first, by
-    the least common slack, then the hard ones. Returns v and the slack of the hard ones (0 where
-    they hold).
-    """
-    found = nearest(wish, [*hard, *soft], cap)
-    if found is not None:
-        return found, 0.0
-    found, slack = nearest(wish, hard, cap), 0.0
-    if found is None:
-        # with that much slack standing still is allowed
-        found, slack = _least(wish, (), hard, cap, (0.0, 0.0), max(b for _, _, b in hard))
-        hard = [(nx, ny, b - slack) for nx, ny, b in hard]
-    if soft:
-        most = max(b - nx * found[0] - ny * found[1] for nx, ny, b in soft)
-        if most > 0.0:
-            found, _ = _least(wish, hard, soft, cap, found, most)
-    return found, slack
-
-
-def _least(
-    wish: tuple[float, float],
-    firm: Sequence[Plane],
-    giving: Sequence[Plane],
-    cap: float,
-    best: tuple[float, float],
-    high: float,
-) -> tuple[tuple[float, float], float]:
-    """The least slack of `giving` that allows something; `best` is allowed with slack `high`."""
-    low = 0.0
-    for _ in range(_HALVINGS):
-        slack = 0.5 * (low + high)
-        found = nearest(wish, [*firm, *((nx, ny, b - slack) for nx, ny, b in giving)], cap)
-        if found is None:
-            low = slack
-        else:
-            high, best = slack, found
-    return best, high
-
-
 def nearest_many(
     wish: Floats, normals: Floats, bounds: Floats, cap: Floats
 ) -> tuple[Floats, Bools]:
-    """`nearest` for A agents.
+    """`program.nearest` for A agents.
 
     Args:
         wish: (2, A).
@@ -152,7 +64,7 @@ def nearest_many(
 def relaxed_many(
     wish: Floats, normals: Floats, bounds: Floats, soft: Bools, cap: Floats
 ) -> tuple[Floats, Floats]:
-    """`relaxed` for A agents; `soft` (K, A). v (2, A) and the slack of the hard planes (A,)."""
+    """`program.relaxed` for A agents; `soft` (K, A). v (2, A), and the hard planes' slack (A,)."""
     v, exists = nearest_many(wish, normals, bounds, cap)
     slack = np.zeros(wish.shape[1])
     none = np.flatnonzero(~exists)
@@ -202,7 +114,7 @@ def _least_many(
     best: Floats,
     high: Floats,
 ) -> tuple[Floats, Floats]:
-    """`_least` for A agents; each plane is in one of `firm` and `giving`, `UNBOUND` in the
+    """The least slack for A agents; each plane is in one of `firm` and `giving`, `UNBOUND` in the
     other."""
     low = np.zeros(wish.shape[1])
     for _ in range(_HALVINGS):

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from swarm_ctl.core.law import mean_error_feedback
+from swarm_ctl.core.kernel import align
 from swarm_ctl.core.law.laws import law_of
 from swarm_ctl.core.law.response_estimate import ResponseEstimate
 from swarm_ctl.core.law.stop_point import Coast, pending
@@ -103,7 +103,7 @@ class Rehearsal:
         consensus = complex_of_last(found.consensus) * plan.kappa
         if plan.safety.align:
             errors = complex_of_last(points - slots)
-            consensus += mean_error_feedback.RATE * (errors.mean() - errors)
+            consensus += align.RATE * (errors.mean() - errors)
         return consensus[:, None], complex_of_last(found.avoidance)[:, None] * plan.kappa
 
     def _peers(self, stop: Complex) -> BatchPeers:

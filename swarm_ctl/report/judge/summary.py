@@ -99,7 +99,7 @@ class LeftSummary(_SummaryPart):
 
 
 class SafetySummary(_SummaryPart):
-    """What the safety filter did, all agents (`core/safety/constraints.py`)."""
+    """What the safety filter did, all agents (`core/kernel/constraints.py`)."""
 
     ticks: int
     """Agent-ticks with the filter."""

@@ -149,9 +149,11 @@ def test_a_study_commands_what_agents_command(
         for (i, k), agent in agents.items():
             if not live[i, k]:
                 continue
-            agent.stop_point_m = agent.point_m = (points[0, i, k], points[1, i, k])
-            agent.estimate.doubt_s = flight._motion.doubt_s[i, k]
-            agent.estimate.late_s = response_s[i, k] - cell.model.dead_time_s - cell.model.lag_s
+            agent.stop_point_m = agent.point_m = (float(points[0, i, k]), float(points[1, i, k]))
+            late_s = response_s[i, k] - cell.model.dead_time_s - cell.model.lag_s
+            agent.estimate.estimate = agent.estimate.estimate._replace(
+                doubt_s=float(flight._motion.doubt_s[i, k]), late_s=float(late_s)
+            )
             others = tuple(peer(j, heard[-1], i, k, response_s[j, k]) for j in range(n) if j != i)
             if hearings:
                 hold_hearing(flight, hearings[i, k], tick, (i, k), points, others)

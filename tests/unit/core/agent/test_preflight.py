@@ -11,7 +11,7 @@ import pytest
 from swarm_ctl.core.agent.preflight import EstimateWatch, Preflight, ResponseWatch
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.navigation import Navigator
-from swarm_ctl.core.law.response_estimate import ResponseEstimate
+from swarm_ctl.core.law.own_response import OwnResponse
 from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.core.model.vehicle import FlightLimit, GlobalFix, LimitKind
@@ -206,8 +206,8 @@ def test_a_vehicle_that_leaves_the_doubt_of_its_response_is_said_once(
     late_s: float, doubt_s: float, said: str
 ) -> None:
     response = Response()
-    watch, estimate = ResponseWatch(response), ResponseEstimate(response, 0.05)
+    watch, estimate = ResponseWatch(response), OwnResponse(response, 0.05)
     assert watch.look(estimate) == ""
-    estimate.late_s, estimate.doubt_s = late_s, doubt_s
+    estimate.estimate = estimate.estimate._replace(late_s=late_s, doubt_s=doubt_s)
     assert watch.look(estimate).startswith(said)
     assert watch.look(estimate) == ""

@@ -10,7 +10,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarm_ctl.core.law.response_estimate import ResponseEstimate
+from swarm_ctl.core.law.own_response import OwnResponse
 from swarm_ctl.core.model.arrays import Bools, Complex, Floats
 from swarm_ctl.core.model.messages import AgentState, Phase
 from swarm_ctl.core.model.plan import Plan, Response, Safety
@@ -124,8 +124,10 @@ def _planes(vectors: Complex) -> Floats:
 def alone(state: State, filter_: SafetyFilter, i: int, k: int, formation: Formation) -> complex:
     """What agent i of swarm k flies by its own filter."""
     peers = tuple(aircraft(state, i, j, k) for j in range(N) if j != i)
-    filter_.estimate.doubt_s = float(state.doubt_s[i, k])
-    filter_.estimate.late_s = float(state.response_s[i, k]) - MODEL.dead_time_s - MODEL.lag_s
+    late_s = float(state.response_s[i, k]) - MODEL.dead_time_s - MODEL.lag_s
+    filter_.estimate.estimate = filter_.estimate.estimate._replace(
+        doubt_s=float(state.doubt_s[i, k]), late_s=late_s
+    )
     return filter_.velocity(
         PeerSnapshot(0.0, peers),
         complex(state.own[i, k]),
@@ -167,7 +169,7 @@ def fly_both(seed: int, safety: Safety) -> tuple[BatchSafetyFilter, int]:
     many = BatchSafetyFilter(safety, PLAN.law, margins, PLAN.tick_s, ids)
     places = list(itertools.product(range(N), range(M)))
     ones = {
-        place: SafetyFilter(plan, place[0] + 1, MODEL, ResponseEstimate(MODEL, plan.tick_s))
+        place: SafetyFilter(plan, place[0] + 1, MODEL, OwnResponse(MODEL, plan.tick_s))
         for place in places
     }
     yielded, before = 0, None

@@ -11,15 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from swarm_ctl.core.safety.velocity_qp import (
-    UNBOUND,
-    Plane,
-    nearest,
-    nearest_many,
-    relaxed,
-    relaxed_many,
-)
+from swarm_ctl.core.kernel import program
+from swarm_ctl.core.kernel.program import Row
+from swarm_ctl.core.safety.velocity_qp import UNBOUND, nearest_many, relaxed_many
 
+Plane = tuple[float, float, float]
+Vector = tuple[float, float]
 numbers = st.floats(-2, 2)
 angles = st.floats(0, 2 * math.pi)
 planes = st.lists(
@@ -28,6 +25,21 @@ planes = st.lists(
     max_size=7,
 )
 caps = st.floats(0.1, 1.5)
+
+
+def rows(hard: list[Plane], soft: list[Plane]) -> list[Row]:
+    return [Row(*plane, k >= len(hard), 0, 0) for k, plane in enumerate([*hard, *soft])]
+
+
+def nearest(wish: Vector, planes: list[Plane], cap: float) -> Vector | None:
+    exists, v = program.nearest(complex(*wish), rows(planes, []), len(planes), cap, 0.0, 0.0)
+    return (v.real, v.imag) if exists else None
+
+
+def relaxed(wish: Vector, hard: list[Plane], soft: list[Plane], cap: float) -> tuple[Vector, float]:
+    asked = rows(hard, soft)
+    v, slack = program.relaxed(complex(*wish), asked, len(asked), cap)
+    return (v.real, v.imag), slack
 
 
 def inside(v: tuple[float, float], of: list[Plane], cap: float, slack: float = 1e-6) -> bool:

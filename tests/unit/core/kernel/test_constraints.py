@@ -9,16 +9,19 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from swarm_ctl.core.kernel import constraints
+from swarm_ctl.core.kernel.constraints import Margins, Other, cap, margins_of, minded
+from swarm_ctl.core.kernel.program import Row, relaxed
+from swarm_ctl.core.kernel.release import NO_RELEASE, noted, swirled, turned
 from swarm_ctl.core.model.arrays import MANY
 from swarm_ctl.core.model.plan import LawParameters, Response
 from swarm_ctl.core.safety.batch_safety_filter import BatchHeard
-from swarm_ctl.core.safety.constraints import Margins, cap, keep_out_plane, unsure
-from swarm_ctl.core.safety.deadlock import DeadlockRelease, swirled
-from swarm_ctl.core.safety.velocity_qp import Plane, relaxed
-from swarm_ctl.core.swarm.snapshot import OtherAircraft
+from swarm_ctl.core.safety.constraints import Margins as ManyMargins
+from swarm_ctl.core.safety.constraints import keep_out_plane as keep_out_planes
+from swarm_ctl.core.safety.deadlock import DeadlockRelease
 
 LAW, SPEED = LawParameters(), 1.0
-MARGINS = Margins.of(LAW, Response(), 5.0, 5.0).in_units(5.0)
+MARGINS = margins_of(LAW, Response(), 5.0, 5.0, 5.0)
 
 
 def test_the_proven_bound_lies_over_r_in() -> None:
@@ -33,14 +36,24 @@ def test_the_proven_bound_lies_over_r_in() -> None:
     assert bound == pytest.approx(1.15 * LAW.r_in, rel=1e-3)
 
 
-def heard(setpoint: complex = 0j, age_s: float = 0.0, *, yields: bool = True) -> OtherAircraft:
+def heard(setpoint: complex = 0j, age_s: float = 0.0, *, yields: bool = True) -> Other:
     """Another aircraft whose news is fresh."""
-    return OtherAircraft(2, setpoint=setpoint, age_at_most_s=age_s, fresh=True, yields=yields)
+    return Other(2, True, 0j, setpoint, age_s, True, yields, 0.0, True)
+
+
+def unsure(doubt_s: float, response_s: float, other: Other) -> float:
+    return constraints.unsure(doubt_s, response_s, other)
+
+
+def keep_out_plane(
+    apart: complex, lower: bool, other: Other, margins: Margins
+) -> tuple[complex, float, float]:
+    return constraints.keep_out(other._replace(apart=apart, lower=lower), margins)
 
 
 def test_margins_are_the_same_in_any_unit() -> None:
-    in_units, in_metres = MARGINS, Margins.of(LAW, Response(), 5.0, 5.0)
-    for name in ("keep_out", "growth", "zone", "slow", "speed", "r", "spare", "braking"):
+    in_units, in_metres = MARGINS, margins_of(LAW, Response(), 5.0, 5.0)
+    for name in Margins._fields:
         assert getattr(in_metres, name) == pytest.approx(5.0 * getattr(in_units, name))
 
 
@@ -75,8 +88,8 @@ def test_what_is_not_minded_neither_forbids_nor_slows(
     """A study leaves such pairs out. Half-planes that the speed limit alone ensures change no
     velocity, whatever its wish."""
     response = Response(lag_s=lag_s, acceleration_mps2=most_mps2)
-    margins = Margins.of(LAW, response, speed_mps, 5.0).in_units(5.0)
-    far = margins.minded(unsure_s) + 1e-6
+    margins = margins_of(LAW, response, speed_mps, 5.0, 5.0)
+    far = minded(unsure_s, margins) + 1e-6
     _, bound, room = keep_out_plane(
         complex(margins.keep_out + far), True, heard(yields=yields), margins
     )
@@ -88,7 +101,7 @@ def test_what_is_not_minded_neither_forbids_nor_slows(
 def test_speed_near_others_follows_what_the_vehicle_can_stop_and_turn() -> None:
     """A vehicle that accelerates less is slower at D, and gets its speed back farther out."""
     weak, strong = (
-        Margins.of(LAW, Response(acceleration_mps2=a), 12.0, 5.0).in_units(5.0) for a in (2.0, 8.0)
+        margins_of(LAW, Response(acceleration_mps2=a), 12.0, 5.0, 5.0) for a in (2.0, 8.0)
     )
     assert weak.slow < strong.slow
     assert weak.reach > strong.reach
@@ -108,18 +121,19 @@ def test_integrators_that_start_apart_stay_apart_whatever_they_wish(
     s = [complex(*start) for start in starts]
     assume(all(abs(a - b) >= MARGINS.keep_out for i, a in enumerate(s) for b in s[:i]))
     for _ in range(60):
-        planes: list[list[Plane]] = [[] for _ in s]
+        planes: list[list[Row]] = [[] for _ in s]
         rooms = [math.inf for _ in s]
         for i, a in enumerate(s):
             for j, b in enumerate(s):
                 if i != j:
                     n, bound, room = keep_out_plane(a - b, i < j, heard(), MARGINS)
-                    planes[i].append((n.real, n.imag, bound))
+                    planes[i].append(Row(n.real, n.imag, bound, False, 0, 0))
                     rooms[i] = min(rooms[i], room)
         for i, wish in enumerate(wishes[: len(s)]):
-            (north, east), slack = relaxed(wish, planes[i], (), cap(rooms[i], 0.05, MARGINS))
+            allowed = cap(rooms[i], 0.05, MARGINS)
+            flown, slack = relaxed(complex(*wish), planes[i], len(planes[i]), allowed)
             assert slack < 1e-6
-            s[i] += 0.05 * complex(north, east)
+            s[i] += 0.05 * flown
         assert all(abs(a - b) >= MARGINS.keep_out - 1e-4 for i, a in enumerate(s) for b in s[:i])
 
 
@@ -149,7 +163,8 @@ def test_one_and_many_give_the_same_planes() -> None:
     apart, flies = random.normal(size=50) + 1j * random.normal(size=50), random.normal(size=50) * 1j
     age_s, yields = random.uniform(0, 4, 50), random.choice([True, False], 50)
     many = BatchHeard(flies, age_s, np.ones(50, dtype=np.bool_), yields, age_s)
-    n, b, room = keep_out_plane(apart, np.ones(50, dtype=np.bool_), many, MARGINS, MANY)
+    margins = ManyMargins.of(LAW, Response(), 5.0, 5.0).in_units(5.0)
+    n, b, room = keep_out_planes(apart, np.ones(50, dtype=np.bool_), many, margins, MANY)
     for k in range(50):
         other = heard(complex(flies[k]), float(age_s[k]), yields=bool(yields[k]))
         one = keep_out_plane(complex(apart[k]), True, other, MARGINS)
@@ -162,11 +177,11 @@ def test_one_and_many_give_the_same_planes() -> None:
 def test_an_agent_that_does_not_get_on_goes_sideways() -> None:
     """It wants to go and does not for a while: it then moves across its wish, and tries again."""
     for flown, stuck in ((0j, True), (1 + 0j, False)):
-        release, sideways = DeadlockRelease(3, SPEED, 0.05), 0
+        release, sideways = NO_RELEASE, 0
         for _ in range(100):
-            wish = release.turn(0j, 1 + 0j)
+            wish, release = turned(release, 0j, 1 + 0j, 3, SPEED, 0.05)
             sideways += abs(wish.imag) > 0.1
-            release.note(1 + 0j, flown)
+            release = noted(release, 1 + 0j, flown, SPEED, 0.05)
         assert (release.fails > 0) == stuck == (sideways > 10)
 
 
@@ -176,7 +191,7 @@ def test_the_swirl_only_turns_what_points_against_the_wish(
 ) -> None:
     consensus, avoidance = complex(*to), complex(*away)
     assume(abs(consensus) > 1e-3 and abs(avoidance) > 1e-3)
-    out = complex(swirled(consensus, avoidance))
+    out = swirled(consensus, avoidance)
     if (consensus * avoidance.conjugate()).real >= 0:
         assert out == pytest.approx(avoidance)
     else:
@@ -187,16 +202,17 @@ def test_releases_of_one_and_of_many_are_the_same() -> None:
     """Arrays of agents get what each agent gets alone, dice included."""
     random, shape = np.random.default_rng(2), (3, 2)
     ids = np.array([[1, 1], [2, 2], [65535, 7]])
-    alone = {place: DeadlockRelease(int(ids[place]), 1.0, 0.05) for place in np.ndindex(shape)}
+    alone = dict.fromkeys(np.ndindex(shape), NO_RELEASE)
     together = DeadlockRelease(ids, 1.0, 0.05, MANY)
     for _ in range(2000):
         consensus = random.normal(size=shape) + 1j * random.normal(size=shape)
         flown = consensus * random.normal(0.1, 0.1, shape)
-        turned = together.turn(0.5 * consensus, consensus)
+        wishes = together.turn(0.5 * consensus, consensus)
         together.note(consensus, flown)
-        for place, one in alone.items():
+        for place, one in list(alone.items()):
             to, did = complex(consensus[place]), complex(flown[place])
-            assert one.turn(0.5 * to, to) == pytest.approx(turned[place], rel=1e-12)
-            one.note(to, did)
+            wish, one = turned(one, 0.5 * to, to, int(ids[place]), 1.0, 0.05)
+            assert wish == pytest.approx(wishes[place], rel=1e-12)
+            alone[place] = noted(one, to, did, 1.0, 0.05)
             assert one.fails == together.fails[place]
     assert together.fails.min() > 5

@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarm_ctl.core.law.response_estimate import LATEST_S, ResponseEstimate
-from swarm_ctl.core.law.stop_point import Coast, pending
+from swarm_ctl.core.kernel.coast import coast_of, coasted, pending
+from swarm_ctl.core.kernel.response import LATEST_S
+from swarm_ctl.core.law.own_response import OwnResponse
+from swarm_ctl.core.law.response_estimate import ResponseEstimate
 from swarm_ctl.core.model.arrays import MANY
 from swarm_ctl.core.model.plan import Response
 
@@ -22,8 +24,8 @@ class Flight:
     """A vehicle that answers in its own way, and what its agent believes of it."""
 
     def __init__(self, true: Response, model: Response = MODEL, wind: complex = 0j) -> None:
-        self.estimate = ResponseEstimate(model, TICK_S)
-        self._coast = Coast(true, TICK_S)
+        self.estimate = OwnResponse(model, TICK_S)
+        self._coast = coast_of(true, TICK_S)
         self._under_way = [0j] * pending(true, TICK_S)
         self._wind = wind
         self.place = self.velocity = self.stop_point = 0j
@@ -35,7 +37,7 @@ class Flight:
             self.estimate.sent(setpoint)
             self._under_way.append(setpoint)
             acting = self._under_way.pop(0)
-            self.place, self.velocity = self._coast.tick(self.place, self.velocity, acting)
+            self.place, self.velocity = coasted(self.place, self.velocity, acting, 1.0, self._coast)
             self.place += self._wind * TICK_S
 
 
@@ -136,7 +138,7 @@ def test_one_and_many_are_the_same(seed: int) -> None:
     random = np.random.default_rng(seed)
     shape = (3, 2)
     many = ResponseEstimate(MODEL, TICK_S, np.zeros(shape, dtype=np.complex128), MANY)
-    ones = {place: ResponseEstimate(MODEL, TICK_S) for place in np.ndindex(shape)}
+    ones = {place: OwnResponse(MODEL, TICK_S) for place in np.ndindex(shape)}
     place = np.zeros(shape, dtype=np.complex128)
     velocity = np.zeros(shape, dtype=np.complex128)
     setpoint = np.zeros(shape, dtype=np.complex128)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.safety.wish import bent, limited
+from swarm_ctl.core.kernel.wish import bent, limited
 
 SPEED = 5.0
 ANY = st.floats(allow_nan=True, allow_infinity=True)

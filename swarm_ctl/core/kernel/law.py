@@ -1,0 +1,188 @@
+"""The formation law of Mondal et al. 2017 for one agent: consensus plus an adaptive potential whose
+sigma is tuned online.
+
+Numbers in parentheses are the paper's equations; `docs/pages/law.md` has the law as it is built.
+All lengths are the paper's units. The paper's symbols are kept: `e = p - z`, `n` the consensus sum,
+`q = p_i - p_j`, `x = |q|`, `S = q . n`, `C = q x n`, `beta = h / N^2`, `D_lb`/`D_ub` the bounds
+(32), (59), (65), `g` the cut-off (18)-(21). The terms are displacements per iteration: `p <- p + u`
+is (9).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+from swarm_ctl.core.kernel.sequences import put
+
+STATUSES: Final = ("paper", "narrow", "inactive", "overspeed")
+"""Names of the pair statuses; `Pair.status` is an index into this."""
+PAPER: Final = 0
+NARROW: Final = 1
+INACTIVE: Final = 2
+OVERSPEED: Final = 3
+
+_SAME_SPOT: Final = 1e-9
+"""Closer than this [units] two agents count as on one spot."""
+_NO_ROOM: Final = 1e-12
+"""`D_ub - D_lb` at or under this share of `D_ub` is zero in exact arithmetic."""
+_LARGEST: Final = 1e300
+
+
+class Law(NamedTuple):
+    """The law's numbers, of `LawParameters`."""
+
+    r: float
+    r_out: float
+    r_in: float
+    h: float
+    delta_l: float
+    delta_a: float
+
+
+class Pair(NamedTuple):
+    """One other agent inside `r_out`, and all that the law makes of it."""
+
+    place: int
+    """Of the other, in the sequences that the law was given."""
+    q: complex
+    distance: float
+    neighbour: bool
+    sigma: float
+    sigma_lb: float
+    d_lb: float
+    d_ub: float
+    d: float
+    """NaN where the status leaves D undefined (`inactive`, `overspeed`)."""
+    alpha: float
+    status: int
+
+
+NO_PAIR: Final = Pair(0, 0j, 0.0, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
+
+
+def terms(
+    own: complex,
+    slot: complex,
+    points: Sequence[complex],
+    slots: Sequence[complex],
+    linked: Sequence[bool],
+    present: Sequence[bool],
+    lower: Sequence[bool],
+    law: Law,
+    pairs: list[Pair],
+) -> tuple[complex, complex, int]:
+    """One iteration of (26): consensus, avoidance, and how many `pairs` are inside `r_out`.
+
+    Args:
+        own: p_i.
+        slot: z_i.
+        points: p_j; read only where `present`.
+        slots: z_j; read only where `linked`.
+        linked: j in N_i.
+        present: j is there.
+        lower: i has the lower id of the two; decides which way two agents on one spot part.
+        law: its numbers.
+        pairs: filled anew.
+    """
+    error, n = own - slot, 0j
+    count = strangers = found = 0
+    reach = law.r_out * law.r_out
+    for j in range(len(points)):
+        if not present[j]:
+            continue
+        q = own - points[j]
+        near = q.real * q.real + q.imag * q.imag < reach
+        if linked[j]:
+            n += points[j] - slots[j] - error
+            count += 1
+        elif near:
+            strangers += 1
+        if near:
+            seen = Pair(j, q, 0.0, bool(linked[j]), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
+            found = put(pairs, found, seen)
+    some = max(count, 1)
+    gain, beta = law.h / some, law.h / (some * some)
+    avoidance = 0j
+    for k in range(found):
+        j, q, neighbour = pairs[k].place, pairs[k].q, pairs[k].neighbour
+        x = math.sqrt(q.real * q.real + q.imag * q.imag)
+        if x < _SAME_SPOT:
+            # they count as sqrt(delta_a) apart, the lower id north of the other
+            x = math.sqrt(law.delta_a)
+            q = complex(x if lower[j] else -x, 0.0)
+        pull = complex(n.real * beta, n.imag * beta) if neighbour else 0j
+        pair = adapted(j, q, x, neighbour, pull, count if neighbour else strangers, law)
+        pairs[k] = pair
+        avoidance += complex(pair.alpha * q.real, pair.alpha * q.imag)
+    return complex(n.real * gain, n.imag * gain), avoidance, found
+
+
+def cut_off(x: float, law: Law) -> float:
+    """g(x), (18)-(21): 1 inside `r_in`, a cosine down to 0 at `r_out`."""
+    share = min(max((x - law.r_in) * (math.pi / (law.r_out - law.r_in)), 0.0), math.pi)
+    return 0.5 + 0.5 * math.cos(share)
+
+
+def adapted(
+    place: int, q: complex, x: float, neighbour: bool, pull: complex, members: int, law: Law
+) -> Pair:
+    """Adapt sigma, (31)-(69): the bounds on D, D itself with its status, then sigma.
+
+    A stranger (j not in N_i) is the neighbour's case with beta = 0 and M in place of N: (32), (59),
+    (65) turn into (69)'s bounds, and (50), (52) into sigma_lb = g x / R - x^2.
+
+    Args:
+        place: of the other.
+        q: p_i - p_j, never zero.
+        x: |q|.
+        neighbour: j in N_i.
+        pull: beta n, the pull of the neighbours' errors on i; zero for a stranger.
+        members: N for a neighbour, M for a stranger.
+        law: its numbers; `h` is in the pull.
+    """
+    g = cut_off(x, law)
+    d_ic = 0.5 * x  # from i to the middle of the pair
+    twice = 2.0 * members
+    S = q.real * pull.real + q.imag * pull.imag
+    C = q.real * pull.imag - q.imag * pull.real
+    C *= C
+    size = math.sqrt(pull.real * pull.real + pull.imag * pull.imag)
+    # (32) with (59), and (65)
+    push = g + S
+    push *= push
+    push += C
+    d_lb = law.r / (math.sqrt(push) * twice / x + d_ic)
+    d_ub = law.r / (twice * size + d_ic)
+    d, status = _chosen(d_lb, d_ub, law)
+    xx, sigma_lb = x * x, 0.0  # where D is undefined
+    if status <= NARROW:
+        R = (law.r / d - d_ic) / twice
+        # (50), the larger root, written so that a large S does not cancel: (R^2 - pull^2) / (S +
+        # sqrt(x^2 R^2 - C^2))
+        root = math.sqrt(max(R * R * xx - C, 0.0)) + abs(S)
+        alpha_ub = (R - size) * (R + size) / root if S > 0.0 else root / xx
+        # R == pull to the last bit leaves no room for any repulsion: the largest finite sigma
+        if alpha_ub != 0.0:
+            sigma_lb = min(g / alpha_ub - xx, _LARGEST)
+        elif g != 0.0:
+            sigma_lb = _LARGEST
+    sigma = max(sigma_lb, 0.0) + law.delta_a
+    alpha = g / (sigma + xx)
+    return Pair(place, q, x, neighbour, sigma, sigma_lb, d_lb, d_ub, d, alpha, status)
+
+
+def _chosen(d_lb: float, d_ub: float, law: Law) -> tuple[float, int]:
+    """D by (66) and its status; `narrow`, `inactive` and `overspeed` are this program's rules where
+    (66) has no room (`docs/pages/law.md`)."""
+    middle = 0.5 * (d_lb + d_ub)
+    d = d_lb + law.delta_l if d_lb < 2.0 else middle
+    status = PAPER
+    if d >= d_ub:
+        status, d = NARROW, max(2.0, middle)
+        if d >= d_ub:
+            status, d = OVERSPEED, math.nan
+    if d_ub - d_lb <= _NO_ROOM * d_ub:
+        status, d = INACTIVE, math.nan
+    return d, status
