@@ -68,17 +68,17 @@ class Situation:
     flown: bool
     """It was in the air in this flight."""
     departed: Mapping[int, str]
-    """Why, by agent, of the peers that have left the formation (`Barrier`)."""
+    """Why, by agent, of the peers that have left the formation (`Group`)."""
     accepted: AbstractSet[int]
     """Those of them that the operator has commanded to go on without."""
     fell: bool
     """It has just gone down as fast as only a fall does."""
     sunk_s: float
-    """For how long it has been far below the height that it is to keep (`FlightContext`)."""
+    """For how long it has been far below the height that it is to keep (`OwnVehicle`)."""
     waits: str = ""
     """Why this agent waits, in its own words, or ''."""
     leads: Callable[[], int | None] = lambda: None
-    """The peer whose told place the shape follows (`Barrier.leads`); asked outside the fence
+    """The peer whose told place the shape follows (`Group.leads`); asked outside the fence
     alone."""
     estimate_doubt: str = ""
     """What the vehicle has been saying against its own estimate (`EstimateWatch`), or ''."""

@@ -62,7 +62,7 @@ class SlotExchange:
         self.roles: Mapping[int, int] = dict(self._places)
         """By agent, as heard; a new object whenever a role changes."""
         self.departed: Container[int] = ()
-        """The agents that have left the formation (`Barrier.departed`)."""
+        """The agents that have left the formation (`Group.departed`)."""
         self.taken: list[tuple[float, int]] = []
         """(since [s], role), for every role but the first."""
 
