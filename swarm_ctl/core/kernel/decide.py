@@ -71,16 +71,19 @@ def keep_apart(
     rows: list[Row], used: int, others: list[Other], near: int, own: Own, margins: Margins
 ) -> tuple[int, float, bool]:
     """Rows of the first `near` aircraft of `others`; then the speed that is allowed near them, and
-    whether one that does not fly along is so close that the shared velocity has to give way."""
-    most, close, moving = margins.speed, False, own.moving
+    whether one that does not fly along is so close that the shared velocity has to give way. A row
+    that forbids nothing which the speed limit allows is left out."""
+    moving, speed = own.moving, margins.speed
+    most, close, stands = speed, False, moving == 0j
     for k in range(near):
         other = others[k]
         normal, bound, room = keep_out(other, margins)
-        if moving != 0j and not other.along:
+        if not stands and not other.along:
             bound -= (normal.conjugate() * moving).real
             close = close or room < margins.zone
         most = min(most, cap(room, unsure(own.doubt_s, own.response_s, other), margins))
-        used = put(rows, used, Row(normal.real, normal.imag, bound, False, PAIRS, other.about))
+        if bound > -speed or not stands:
+            used = put(rows, used, Row(normal.real, normal.imag, bound, False, PAIRS, other.about))
     return used, most, close
 
 
@@ -121,7 +124,7 @@ def decided(
         still = Own(own.doubt_s, own.response_s, moving)
         used, most, _ = keep_apart(rows, 0, others, near, still, margins)
     used = keep_links(rows, used, links, guarded, moving, margins)
-    if used == 0:
+    if used == 0 and near == 0:
         return Decision(wish, wish, 0, False, False)
     asked = wish - moving
     found, slack = relaxed(asked, rows, used, most)

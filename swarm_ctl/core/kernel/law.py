@@ -92,15 +92,17 @@ def terms(
     for j in range(len(points)):
         if not present[j]:
             continue
-        q = own - points[j]
-        near = q.real * q.real + q.imag * q.imag < reach
-        if linked[j]:
-            n += points[j] - slots[j] - error
+        point, neighbour = points[j], linked[j]
+        q = own - point
+        x, y = q.real, q.imag
+        near = x * x + y * y < reach
+        if neighbour:
+            n += point - slots[j] - error
             count += 1
         elif near:
             strangers += 1
         if near:
-            seen = Pair(j, q, 0.0, bool(linked[j]), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
+            seen = Pair(j, q, 0.0, bool(neighbour), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
             found = put(pairs, found, seen)
     some = max(count, 1)
     gain, beta = law.h / some, law.h / (some * some)

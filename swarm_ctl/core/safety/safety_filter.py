@@ -111,13 +111,16 @@ class SafetyFilter:
     def _others(self, snapshot: PeerSnapshot, own: complex, formation: Formation) -> list[Other]:
         """All aircraft that may constrain this tick."""
         near, margins, key = list[Other](), self._margins, formation.key
+        reach, own_id, constrains = margins.reach, self._own, constraints.constrains
         for other in self._near(snapshot, own):
-            apart, age_s = own - other.stop_point, other.age_at_most_s
-            known = (other.setpoint, age_s, other.fresh, other.yields)
-            if constraints.constrains(abs(apart), *known, margins.reach, margins):
-                along = other.formation == key
-                lower = self._own < other.id
-                near.append(Other(other.id, lower, apart, *known, other.response_s, along))
+            apart, setpoint, age_s = own - other.stop_point, other.setpoint, other.age_at_most_s
+            fresh, yields = other.fresh, other.yields
+            if constrains(abs(apart), setpoint, age_s, fresh, yields, reach, margins):
+                about, responds_s, along = other.id, other.response_s, other.formation == key
+                lower = own_id < about
+                near.append(
+                    Other(about, lower, apart, setpoint, age_s, fresh, yields, responds_s, along)
+                )
         return near
 
     def _guarded(self, snapshot: PeerSnapshot, own: complex, formation: Formation) -> list[Link]:

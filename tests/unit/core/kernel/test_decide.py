@@ -1,0 +1,32 @@
+"""What sources of constraints ask for, and the velocity that follows."""
+
+from __future__ import annotations
+
+from swarm_ctl.core.kernel.constraints import Other, margins_of
+from swarm_ctl.core.kernel.decide import Own, decided
+from swarm_ctl.core.kernel.program import Row
+from swarm_ctl.core.model.plan import LawParameters, Response
+
+MARGINS = margins_of(LawParameters(), Response(), 5.0, 5.0)
+FAR_M = MARGINS.keep_out + MARGINS.firm + 1.0
+
+
+def other(about: int, apart: complex, *, along: bool = True) -> Other:
+    """One that stands, and whose news is of now."""
+    return Other(about, True, apart, 0j, 0.0, True, True, 0.0, along)
+
+
+def test_one_that_forbids_nothing_within_the_speed_limit_asks_for_no_row() -> None:
+    others = [other(2, complex(-FAR_M, 0.0)), other(3, complex(0.0, MARGINS.keep_out))]
+    rows: list[Row] = []
+    found = decided(5 + 0j, others, 2, [], 0, Own(0.0, 0.6, 0j), MARGINS, rows)
+    assert [row.about for row in rows[: found.used]] == [3]
+    alone = decided(5 + 0j, others[1:], 1, [], 0, Own(0.0, 0.6, 0j), MARGINS, [])
+    assert alone.velocity == found.velocity
+
+
+def test_one_that_a_moving_formation_meets_asks_for_its_row_from_farther_away() -> None:
+    """Rows are about the difference to the velocity that the formation shares."""
+    others = [other(2, complex(-FAR_M, 0.0), along=False)]
+    found = decided(5 + 0j, others, 1, [], 0, Own(0.0, 0.6, 5 + 0j), MARGINS, [])
+    assert found.used == 1
