@@ -203,15 +203,14 @@ class Group:
             free: this agent may be the pinned one.
         """
         reference, key = self.reference, self.key(override)
-        extra, common, spin, off = (0.0, 0.0), 0j, 0j, None
+        off = None
         if step.new_shape is None:
             others = tick.members.without(self.departed)
             reference.follow(others, step, key, own_m, self.formation_error_m, free=free)
-            extra = reference.feed_forward(step)
             off = reference.off_m(own_m) if reference.leads and reference.slots else None
-            common, spin = complex(*reference.common_mps(step)), reference.spin(step)
-        formation = Formation(reference.slots, self.neighbourhood.own, common, key, spin)
-        return formation, extra, off
+        near, motion = self.neighbourhood.own, reference.motion
+        formation = Formation(reference.slots, near, motion.velocity, key, motion.spin)
+        return formation, reference.feed_forward, off
 
     def forget_shape(self) -> None:
         """Another shape is flown from now on: what was measured is the one before."""

@@ -19,7 +19,7 @@ from dataclasses import replace
 from typing import Final
 
 from swarm_ctl.core.control.frame_bounds import FrameBounds, Places
-from swarm_ctl.core.model.formation_frame import Frame
+from swarm_ctl.core.model.formation_frame import STILL, Frame
 from swarm_ctl.core.model.geometry import Point, centred, mean_of, turned
 from swarm_ctl.core.model.messages import AgentState, Phase
 from swarm_ctl.core.model.plan import GroupPlan, Plan
@@ -69,6 +69,8 @@ class Reference:
         self.radius_m = 0.0
         """Of the newest shape at scale 1."""
         self.frame: Frame | None = None
+        self.motion = STILL
+        """Of the frame, since `follow`."""
         self.pinned = own_id
         self.doubted: tuple[int, str] | None = None
         """The leader whose frame was not believed in this tick, and why."""
@@ -105,7 +107,7 @@ class Reference:
         """
         self._places = centred(slots)
         self.radius_m = max(math.hypot(*slot) for slot in self._places) * self._plan.unit_m
-        self.frame = None
+        self.frame, self.motion = None, STILL
         self._bounds.begin(None)
         self._indices = indices
         self._give_out()
@@ -149,41 +151,28 @@ class Reference:
         self.doubted = None
         leader = self._leader(peers, free)
         self.pinned = leader.agent if leader is not None else self._own
+        path = step.path
+        heard = leader.frame if leader and (leader.step, leader.override) == key[1:] else None
         if leader is None:
             self._lead(peers, step, own_m, error_m)
-        elif (leader.step, leader.override) == key[1:] and leader.frame is not None:
-            why = self._doubt(leader, leader.frame, step, peers, own_m)
-            if why:
-                self.doubted = (leader.agent, why)
-                self.frame = None if self.frame is None else replace(self.frame, rate=0.0)
-                return
+        elif heard is not None and self._believed(leader, heard, step, peers, own_m):
             age = peers.age_s(leader.agent)
-            heard = replace(leader.frame, rate=leader.frame.rate if age <= PREDICT_S else 0.0)
-            path = step.path
-            self.frame = path.advanced(heard, age, self.radius_m) if path else heard
+            frame = heard if age <= PREDICT_S else replace(heard, rate=0.0)
+            self.frame = path.advanced(frame, age, self.radius_m) if path else frame
         elif self.frame is not None:
             self.frame = replace(self.frame, rate=0.0)
+        self.motion = STILL
+        if path is not None and self.frame is not None and self._slots:
+            self.motion = path.motion(self.frame, self.radius_m)
 
-    def feed_forward(self, step: Step) -> Point:
+    @property
+    def feed_forward(self) -> Point:
         """The velocity of the own place with the frame [m/s], to be flown on top of the law's."""
-        if self.frame is None or not self._slots or step.path is None:
+        if self.frame is None or not self._slots:
             return (0.0, 0.0)
-        return step.path.velocity_mps(self.frame, self._slot_m(self._own), self.radius_m)
-
-    def common_mps(self, step: Step) -> Point:
-        """The part of the feed-forward that is the same for all agents: the centre's velocity."""
-        if self.frame is None or step.path is None or step.spins:
-            return (0.0, 0.0)
-        return step.path.velocity_mps(self.frame, (0.0, 0.0), self.radius_m)
-
-    def spin(self, step: Step) -> complex:
-        """How the formation grows and turns about its centre [1/s]: a place at `p` from there,
-        north + 1j * east, moves with `spin * p` besides."""
-        frame = self.frame
-        if frame is None or step.path is None or not step.spins or not self._slots:
-            return 0j
-        north, east = step.path.velocity_mps(frame, (1.0, 0.0), self.radius_m)
-        return complex(north, east) / complex(*turned((1.0, 0.0), frame.angle_rad, frame.scale))
+        place = turned(self._slot_m(self._own), self.frame.angle_rad, self.frame.scale)
+        velocity = self.motion.of(complex(*place))
+        return velocity.real, velocity.imag
 
     def off_m(self, own_m: Point) -> Point:
         """From the own stop point to the own place in the frame, (north, east) [m]."""
@@ -204,15 +193,17 @@ class Reference:
         unit = self._plan.unit_m
         return self._slots[agent][0] * unit, self._slots[agent][1] * unit
 
-    def _doubt(
+    def _believed(
         self, leader: AgentState, frame: Frame, step: Step, peers: PeerSnapshot, own_m: Point
-    ) -> str:
-        """Why the leader's frame is not believed, or ''."""
+    ) -> bool:
+        """Whether the leader's frame is; `doubted` says why not."""
         feeds = step.path is not None and step.path.goes_on(frame, self.radius_m)
         age = peers.age_s(leader.agent)
         places = self._off_places(leader, frame, peers, own_m)
         feeds = feeds and age <= PREDICT_S
-        return self._bounds.doubt(frame, step, self.radius_m, peers.now_s, places, feeds=feeds)
+        why = self._bounds.doubt(frame, step, self.radius_m, peers.now_s, places, feeds=feeds)
+        self.doubted = (leader.agent, why) if why else None
+        return not why
 
     def _off_places(
         self, leader: AgentState, frame: Frame, peers: PeerSnapshot, own_m: Point

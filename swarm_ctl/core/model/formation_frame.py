@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final, NamedTuple
+
 from swarm_ctl.core.model.geometry import Point
 from swarm_ctl.core.model.rows import row
 
@@ -18,3 +20,19 @@ class Frame:
     """Waypoints passed."""
     rate: float = 0.0
     """Speed now, as a share of the step's."""
+
+
+class Motion(NamedTuple):
+    """How a frame moves now; horizontal vectors are north + 1j * east."""
+
+    velocity: complex = 0j
+    """Of its centre [m/s]."""
+    spin: complex = 0j
+    """How it grows and turns about its centre [1/s]."""
+
+    def of(self, place: complex) -> complex:
+        """The velocity of a place so far from the centre."""
+        return self.velocity + self.spin * place
+
+
+STILL: Final = Motion()

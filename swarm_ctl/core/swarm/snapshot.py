@@ -165,7 +165,7 @@ class Formation:
     key: FormationKey | None = None
     """What peers of the same formation fly; None: no formation."""
     spin: complex = 0j
-    """How it grows and turns about its centre [1/s] (`Reference.spin`)."""
+    """How it grows and turns about its centre [1/s] (`Motion.spin`)."""
 
 
 NO_FORMATION: Final = Formation({}, frozenset())

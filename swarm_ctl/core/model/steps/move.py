@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from swarm_ctl.core.model.formation_frame import Frame
+from swarm_ctl.core.model.formation_frame import Frame, Motion
 from swarm_ctl.core.model.geometry import Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.policies import Policy
@@ -62,10 +62,10 @@ class MoveStep(Path):
         point = (n + share * (to_n - n), e + share * (to_e - e))
         return replace(frame, point_m=point, leg=frame.leg + (share == 1.0))
 
-    def _velocity_mps(self, frame: Frame, slot: Point, radius_m: float) -> Point:
-        left, speed = self.left_m(frame, radius_m), frame.rate * self.speed_mps
+    def _motion(self, frame: Frame, speed_mps: float, radius_m: float) -> Motion:
+        left = self.left_m(frame, radius_m)
         (n, e), (to_n, to_e) = frame.point_m, self.waypoints_m[frame.leg]
-        return (to_n - n) / left * speed, (to_e - e) / left * speed
+        return Motion(complex((to_n - n) / left * speed_mps, (to_e - e) / left * speed_mps))
 
     def along(self, start: Frame, frame: Frame, radius_m: float) -> tuple[float, float]:
         """By the legs that are passed, and this one."""

@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import ClassVar, Final, Literal
 
-from swarm_ctl.core.model.formation_frame import Frame
-from swarm_ctl.core.model.geometry import Point, turned
+from swarm_ctl.core.model.formation_frame import STILL, Frame, Motion
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.policies import Policy
 from swarm_ctl.core.model.steps.step import Path, between, strayed
@@ -58,12 +57,11 @@ class RotateStep(Path):
         angle_rad = frame.angle_rad + share * (self.angle_rad - frame.angle_rad)
         return replace(frame, angle_rad=angle_rad)
 
-    def _velocity_mps(self, frame: Frame, slot: Point, radius_m: float) -> Point:
+    def _motion(self, frame: Frame, speed_mps: float, radius_m: float) -> Motion:
         if frame.scale <= 0.0:
-            return (0.0, 0.0)
-        place, speed = turned(slot, frame.angle_rad, frame.scale), frame.rate * self.speed_mps
-        turn = math.copysign(speed / (radius_m * frame.scale), self.angle_rad - frame.angle_rad)
-        return -place[1] * turn, place[0] * turn
+            return STILL
+        turn = math.copysign(speed_mps / (radius_m * frame.scale), self.angle_rad - frame.angle_rad)
+        return Motion(spin=complex(0.0, turn))
 
     def along(self, start: Frame, frame: Frame, radius_m: float) -> tuple[float, float]:
         """By the angle."""

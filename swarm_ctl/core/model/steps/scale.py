@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
-from swarm_ctl.core.model.formation_frame import Frame
-from swarm_ctl.core.model.geometry import Point, turned
+from swarm_ctl.core.model.formation_frame import STILL, Frame, Motion
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.policies import Policy
 from swarm_ctl.core.model.steps.step import Path, between, strayed
@@ -47,12 +46,11 @@ class ScaleStep(Path):
     def _moved(self, frame: Frame, share: float) -> Frame:
         return replace(frame, scale=frame.scale + share * (self.factor - frame.scale))
 
-    def _velocity_mps(self, frame: Frame, slot: Point, radius_m: float) -> Point:
+    def _motion(self, frame: Frame, speed_mps: float, radius_m: float) -> Motion:
         if frame.scale <= 0.0:
-            return (0.0, 0.0)
-        place, speed = turned(slot, frame.angle_rad, frame.scale), frame.rate * self.speed_mps
-        grow = math.copysign(speed / (radius_m * frame.scale), self.factor - frame.scale)
-        return place[0] * grow, place[1] * grow
+            return STILL
+        grow = math.copysign(speed_mps / (radius_m * frame.scale), self.factor - frame.scale)
+        return Motion(spin=complex(grow, 0.0))
 
     def along(self, start: Frame, frame: Frame, radius_m: float) -> tuple[float, float]:
         """By the scale."""

@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple
 
-from swarm_ctl.core.model.formation_frame import Frame
+from swarm_ctl.core.model.formation_frame import STILL, Frame, Motion
 from swarm_ctl.core.model.geometry import Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.policies import Policy
@@ -142,8 +142,8 @@ class Path(Step):
         """The frame after this share of what is left of its leg."""
 
     @abstractmethod
-    def _velocity_mps(self, frame: Frame, slot: Point, radius_m: float) -> Point:
-        """`velocity_mps` where the frame goes on."""
+    def _motion(self, frame: Frame, speed_mps: float, radius_m: float) -> Motion:
+        """Where the frame goes on, its outermost slot at this speed."""
 
     def goes_on(self, frame: Frame, radius_m: float) -> bool:
         """Whether something is left of the frame's leg."""
@@ -159,14 +159,11 @@ class Path(Step):
         go = frame.rate * self.speed_mps * dt_s
         return self._moved(frame, 1.0 if left <= max(go, _ARRIVED_M) else go / left)
 
-    def velocity_mps(self, frame: Frame, slot: Point, radius_m: float) -> Point:
-        """The feed-forward: how fast a place moves with the frame, (north, east) [m/s].
-
-        `slot` is the place relative to the centre, in metres at scale 1.
-        """
+    def motion(self, frame: Frame, radius_m: float) -> Motion:
+        """How the frame moves at its own rate."""
         if frame.rate == 0.0 or not self.goes_on(frame, radius_m):
-            return (0.0, 0.0)
-        return self._velocity_mps(frame, slot, radius_m)
+            return STILL
+        return self._motion(frame, frame.rate * self.speed_mps, radius_m)
 
 
 def strayed(start: Frame, frame: Frame, radius_m: float) -> tuple[float, float, float]:
