@@ -208,8 +208,8 @@ class Group:
             others = tick.members.without(self.departed)
             reference.follow(others, step, key, own_m, self.formation_error_m, free=free)
             off = reference.off_m(own_m) if reference.leads and reference.slots else None
-        near, motion = self.neighbourhood.own, reference.motion
-        formation = Formation(reference.slots, near, motion.velocity, key, motion.spin)
+        near, centre = self.neighbourhood.own, reference.motion.velocity
+        formation = Formation(reference.slots, near, centre, key, reference.spin)
         return formation, reference.feed_forward, off
 
     def forget_shape(self) -> None:

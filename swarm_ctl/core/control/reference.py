@@ -174,6 +174,15 @@ class Reference:
         velocity = self.motion.of(complex(*place))
         return velocity.real, velocity.imag
 
+    @property
+    def spin(self) -> complex:
+        """`Motion.spin` as the turned and scaled shape shows it. Its last bit may be another one
+        (recorded flights have this one)."""
+        if self.frame is None or not self.motion.spin:
+            return 0j
+        axis = complex(*turned((1.0, 0.0), self.frame.angle_rad, self.frame.scale))
+        return self.motion.of(axis) / axis
+
     def off_m(self, own_m: Point) -> Point:
         """From the own stop point to the own place in the frame, (north, east) [m]."""
         if self.frame is None:

@@ -7,10 +7,10 @@ import itertools
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.safety.fence import inside, leaves
-from swarm_ctl.mission.input.document import Finding
+from swarm_ctl.mission.input.document import Finding, Place
 from swarm_ctl.mission.input.findings import Findings
 from swarm_ctl.mission.mission_file import MissionFile
-from swarm_ctl.mission.steps.step_kind import InPlan
+from swarm_ctl.mission.steps.step_kind import Setting
 from swarm_ctl.mission.steps.table import kind_of
 
 
@@ -18,18 +18,18 @@ def check_plan(plan: Plan, mission: MissionFile) -> list[Finding]:
     """Every mistake that shows only in the plan; its words are those of the mission's file."""
     found: list[Finding] = []
     for k, (step, before) in enumerate(zip(plan.steps, plan.formations(), strict=False)):
-        at = InPlan(plan, before, ("steps", k, step.kind), mission)
-        found += [*kind_of(step).wrong(step, at), *_beyond(step, at)]
+        at, place = Setting(plan, before), ("steps", k, step.kind)
+        found += [*kind_of(step).wrong(step, at, place, mission), *_beyond(step, at, place)]
     return found
 
 
-def _beyond(step: Step, at: InPlan) -> Findings:
+def _beyond(step: Step, at: Setting, place: Place) -> Findings:
     """The first agent whose planned place after a step, or whose way there, is outside the fence;
     after a return, its way home."""
     if at.plan.fence is None:
         return
     polygon = at.plan.fence.polygon_m
-    ways = kind_of(step).ways_m(step, at.plan, at.before)
+    ways = kind_of(step).ways_m(step, at)
     for agent, way in zip(at.plan.agents, ways, strict=bool(ways)):
         out = next((corner for corner in way if not inside(polygon, corner)), None)
         if out is None:
@@ -41,5 +41,5 @@ def _beyond(step: Step, at: InPlan) -> Findings:
         if out is not None:
             point = f"{out[0]:.1f} m north, {out[1]:.1f} m east of the origin"
             what = f"agent {agent.id} would be outside the geofence {where} {point}"
-            yield Finding(at.place, what, "places and ways inside fence.polygon")
+            yield Finding(place, what, "places and ways inside fence.polygon")
             return

@@ -21,6 +21,7 @@ from swarm_ctl.mission.input.document import Finding, Place
 from swarm_ctl.mission.input.findings import ROUNDING, Findings
 from swarm_ctl.mission.input.units import said
 from swarm_ctl.mission.mission_file import MissionFile
+from swarm_ctl.mission.steps.step_kind import Setting
 from swarm_ctl.mission.steps.table import KINDS, kind_of
 
 _SMALLEST_R_IN_M = 1.0
@@ -106,7 +107,7 @@ def _rechosen_fit(before: PlannedFormation, slots: dict[int, Point], r: float) -
 
 def _long_flight(_mission: MissionFile, plan: Plan) -> Findings:
     steps = zip(plan.steps, plan.formations(), strict=False)
-    times = [kind_of(step).least_s(step, plan, before) for step, before in steps]
+    times = [kind_of(step).least_s(step, Setting(plan, before)) for step, before in steps]
     if sum(times) > _LONG_FLIGHT_S:
         longest = max(range(len(times)), key=times.__getitem__)
         what = (

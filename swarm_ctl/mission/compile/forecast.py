@@ -21,6 +21,7 @@ from swarm_ctl.errors import MissionError
 from swarm_ctl.mission.compile.rehearsal import Rehearsal
 from swarm_ctl.mission.input.units import said
 from swarm_ctl.mission.steps.autopilot_times import UP_AND_DOWN
+from swarm_ctl.mission.steps.step_kind import Setting
 from swarm_ctl.mission.steps.table import kind_of
 
 if TYPE_CHECKING:
@@ -67,7 +68,8 @@ def forecast(plan: Plan, autopilots: Iterable[str] = ("ardupilot",)) -> list[Ste
             form = next(forms)
             found.append(StepForecast(form.formed_s, form))
         else:
-            seconds = max(kind_of(step).expected_s(step, plan, before, kind) for kind in kinds)
+            at = Setting(plan, before)
+            seconds = max(kind_of(step).expected_s(step, at, kind) for kind in kinds)
             in_time = seconds <= step.timeout_s
             found.append(StepForecast(seconds if in_time else None, needed_s=seconds))
     return found

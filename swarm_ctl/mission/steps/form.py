@@ -18,8 +18,7 @@ from swarm_ctl.mission.input.findings import Findings, bad_links, named_parts
 from swarm_ctl.mission.input.near_matches import did_you_mean
 from swarm_ctl.mission.input.units import said
 from swarm_ctl.mission.sections.section import Links, Name, Timeout
-from swarm_ctl.mission.steps.autopilot_times import UpAndDown
-from swarm_ctl.mission.steps.step_kind import Checks, InPlan, Mission, StepKind, TimedSection
+from swarm_ctl.mission.steps.step_kind import Checks, Mission, Setting, StepKind, TimedSection
 
 
 class FormSection(TimedSection):
@@ -44,7 +43,6 @@ class FormSection(TimedSection):
 
     @property
     def shape_formed(self) -> str | None:
-        """Its shape."""
         return self.shape
 
 
@@ -68,7 +66,6 @@ class Form(StepKind[FormSection, FormStep]):
     checks: ClassVar[Checks] = (("shapes", _known_shape), ("agents", _links))
 
     def planned(self, written: FormSection, mission: Mission, before: PlannedFormation) -> FormStep:
-        """Slots dealt, neighbours chosen."""
         ids = sorted(agent.id for agent in mission.agents)
         slots = slots_of(mission.shapes[written.shape], len(ids))
         if written.slots == "nearest":
@@ -97,26 +94,14 @@ class Form(StepKind[FormSection, FormStep]):
         )
 
     def words(self, step: FormStep, plan: Plan) -> str:
-        """`form hexagon, 0.5 m`."""
         return f"{step.title}, {step.tolerance_m:g} m"
 
     def needed_s(self, written: FormSection, mission: Mission) -> float:
-        """Settling."""
         return written.settle_s
 
-    def least_s(self, step: FormStep, plan: Plan, before: PlannedFormation) -> float:
-        """Settling."""
-        return step.settle_s
-
-    def expected_s(
-        self, step: FormStep, plan: Plan, before: PlannedFormation, autopilot: UpAndDown
-    ) -> float:
-        """Not known without a rehearsal (`compile/forecast.py`): settling."""
-        return step.settle_s
-
-    def wrong(self, step: FormStep, at: InPlan) -> Findings:
+    def wrong(self, step: FormStep, at: Setting, place: Place, mission: Mission) -> Findings:
         """Neighbours that are chosen anew are connected."""
-        plan, mission, ids = at.plan, at.mission, [agent.id for agent in at.plan.agents]
+        plan, ids = at.plan, [agent.id for agent in at.plan.agents]
         chosen = dict(zip(ids, step.neighbours, strict=True)) if step.neighbours else {}
         parts = graph.components(chosen)
         if len(parts) > 1:
@@ -126,4 +111,4 @@ class Form(StepKind[FormSection, FormStep]):
             wide = said(needed * plan.unit_m, mission, least=True)
             allowed = f"law.r of {wide} or more (agents {i} and {j}), or neighbours: keep"
             what = f"the shape before is not connected: {falls}"
-            yield Finding((*at.place, "neighbours"), what, allowed)
+            yield Finding((*place, "neighbours"), what, allowed)

@@ -6,10 +6,8 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.hold import HoldStep
-from swarm_ctl.mission.steps.autopilot_times import UpAndDown
 from swarm_ctl.mission.steps.step_kind import Mission, StepKind, TimedSection
 
 
@@ -28,24 +26,8 @@ class Hold(StepKind[HoldSection, HoldStep]):
     keeps_formation: ClassVar[bool] = True
 
     def planned(self, written: HoldSection, mission: Mission, before: PlannedFormation) -> HoldStep:
-        """As it is written."""
         timeout_s = written.timeout_s or written.duration_s + 30
         return HoldStep(written.duration_s, timeout_s, written.on_timeout)
 
-    def words(self, step: HoldStep, plan: Plan) -> str:
-        """`hold`."""
-        return step.kind
-
     def needed_s(self, written: HoldSection, mission: Mission) -> float:
-        """Its duration."""
         return written.duration_s
-
-    def least_s(self, step: HoldStep, plan: Plan, before: PlannedFormation) -> float:
-        """Its duration."""
-        return step.duration_s
-
-    def expected_s(
-        self, step: HoldStep, plan: Plan, before: PlannedFormation, autopilot: UpAndDown
-    ) -> float:
-        """Its duration."""
-        return step.duration_s

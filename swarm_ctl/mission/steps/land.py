@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import ClassVar, Final
 
-from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.land import LandStep
 from swarm_ctl.mission.sections.section import Timeout
 from swarm_ctl.mission.steps.autopilot_times import UpAndDown
-from swarm_ctl.mission.steps.step_kind import Mission, StepKind, StepSection
+from swarm_ctl.mission.steps.step_kind import Mission, Setting, StepKind, StepSection
 
 _DISARM_S: Final = 60.0
 _TOUCHDOWN_MPS: Final = 0.5
@@ -32,26 +31,14 @@ class Land(StepKind[LandSection, LandStep]):
     ends: ClassVar[bool] = True
 
     def planned(self, written: LandSection, mission: Mission, before: PlannedFormation) -> LandStep:
-        """From the height of the take-off."""
         return LandStep(written.timeout_s or generous_s(mission, before))
 
-    def words(self, step: LandStep, plan: Plan) -> str:
-        """`land`."""
-        return step.kind
-
     def needed_s(self, written: LandSection, mission: Mission) -> float:
-        """The way down."""
         return fastest_s(mission)
 
-    def least_s(self, step: LandStep, plan: Plan, before: PlannedFormation) -> float:
-        """A battery that is low lands by itself."""
-        return 0.0
-
-    def expected_s(
-        self, step: LandStep, plan: Plan, before: PlannedFormation, autopilot: UpAndDown
-    ) -> float:
+    def expected_s(self, step: LandStep, at: Setting, autopilot: UpAndDown) -> float:
         """The autopilot's own landing."""
-        return autopilot.landing_s(before.height_m)
+        return autopilot.landing_s(at.before.height_m)
 
 
 def generous_s(mission: Mission, before: PlannedFormation) -> float:

@@ -13,7 +13,7 @@ from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.mission.input.document import Finding, Place
 from swarm_ctl.mission.input.findings import Findings
 from swarm_ctl.mission.sections.section import NorthEast
-from swarm_ctl.mission.steps.step_kind import Checks, InPlan, Mission
+from swarm_ctl.mission.steps.step_kind import Checks, Mission, Setting
 from swarm_ctl.mission.steps.travel import Pace, Travel, TravelSection, too_fast
 
 MAX_DISTANCE_M: Final = 5000.0
@@ -45,21 +45,19 @@ class Move(Travel[MoveSection, MoveStep]):
     checks: ClassVar[Checks] = (("vehicle", _one_way), ("vehicle", too_fast))
 
     def led(self, written: MoveSection, before: PlannedFormation, pace: Pace) -> MoveStep:
-        """By its waypoints in metres."""
         return MoveStep(_waypoints_m(written, before), *pace)
 
     def words(self, step: MoveStep, plan: Plan) -> str:
-        """`move to (10, 0) m at 2 m/s`."""
         corners = ", ".join(f"({north:g}, {east:g})" for north, east in step.waypoints_m)
         return f"move to {corners} m at {step.speed_mps:g} m/s"
 
-    def wrong(self, step: MoveStep, at: InPlan) -> Findings:
+    def wrong(self, step: MoveStep, at: Setting, place: Place, mission: Mission) -> Findings:
         """The common frame is flat."""
         for centre in step.waypoints_m if at.plan.fence is not None else ():
             if math.hypot(*centre) > MAX_DISTANCE_M:
                 what = f"goes {math.hypot(*centre):.0f} m from the origin"
-                yield Finding(at.place, what, f"at most {MAX_DISTANCE_M:g} m")
-        yield from super().wrong(step, at)
+                yield Finding(place, what, f"at most {MAX_DISTANCE_M:g} m")
+        yield from super().wrong(step, at, place, mission)
 
 
 def _waypoints_m(move: MoveSection, before: PlannedFormation) -> tuple[Point, ...]:

@@ -13,7 +13,7 @@ from swarm_ctl.core.safety.constraints import Margins
 from swarm_ctl.mission.sections.section import Timeout
 from swarm_ctl.mission.steps.autopilot_times import UpAndDown
 from swarm_ctl.mission.steps.land import fastest_s, generous_s
-from swarm_ctl.mission.steps.step_kind import Mission, StepKind, TimedSection
+from swarm_ctl.mission.steps.step_kind import Mission, Setting, StepKind, TimedSection
 
 _TURN_S: Final = 4.0
 """Of the way back: settling at its height, braking, coming to rest over the start."""
@@ -35,7 +35,6 @@ class Return(StepKind[ReturnSection, ReturnStep]):
     def planned(
         self, written: ReturnSection, mission: Mission, before: PlannedFormation
     ) -> ReturnStep:
-        """Time enough for one after the other."""
         agents = sorted(mission.agents, key=lambda agent: agent.id)
         starts = [(n * mission.unit_m, e * mission.unit_m) for n, e in (a.start for a in agents)]
         ways_m = sum(map(math.dist, before.places_m(), starts))
@@ -44,45 +43,36 @@ class Return(StepKind[ReturnSection, ReturnStep]):
         return ReturnStep(written.timeout_s or timeout_s, written.on_timeout)
 
     def words(self, step: ReturnStep, plan: Plan) -> str:
-        """`return at 10 to 16 m`."""
         first, last = (return_height_m(plan, plan.agents[k].id) for k in (0, -1))
         return f"return at {first:g} to {last:g} m"
 
     def needed_s(self, written: ReturnSection, mission: Mission) -> float:
-        """The way down."""
         return fastest_s(mission)
 
-    def least_s(self, step: ReturnStep, plan: Plan, before: PlannedFormation) -> float:
-        """One after the other."""
-        ways_m = sum(map(math.dist, before.places_m(), plan.formations()[0].places_m()))
-        return ways_m / plan.policies.return_speed_mps
+    def least_s(self, step: ReturnStep, at: Setting) -> float:
+        starts_m = at.plan.formations()[0].places_m()
+        ways_m = sum(map(math.dist, at.before.places_m(), starts_m))
+        return ways_m / at.plan.policies.return_speed_mps
 
-    def expected_s(
-        self, step: ReturnStep, plan: Plan, before: PlannedFormation, autopilot: UpAndDown
-    ) -> float:
+    def expected_s(self, step: ReturnStep, at: Setting, autopilot: UpAndDown) -> float:
         """All fly at once; who starts within the filter's distance of another waits until that one
         is down."""
-        speed, limits = plan.policies.return_speed_mps, plan.limits
+        plan, limits, speed = at.plan, at.plan.limits, at.plan.policies.return_speed_mps
         apart_m = Margins.of(plan.law, plan.response, limits.speed_mps, plan.unit_m).keep_out
-        ways, heights = (
-            self.ways_m(step, plan, before),
-            [return_height_m(plan, agent.id) for agent in plan.agents],
-        )
+        heights = [return_height_m(plan, agent.id) for agent in plan.agents]
+        places, starts = zip(*self.ways_m(step, at), strict=True)
         home_s = [
-            max(0.0, up_m - before.height_m) / limits.climb_mps
-            + math.dist(way[0], way[-1]) / speed
-            + _TURN_S
-            for up_m, way in zip(heights, ways, strict=True)
+            max(0.0, up_m - at.before.height_m) / limits.climb_mps + way_m / speed + _TURN_S
+            for up_m, way_m in zip(heights, map(math.dist, places, starts), strict=True)
         ]
-        starts, down_s = [way[-1] for way in ways], dict[int, float]()
+        down_s: dict[int, float] = {}
         for k in sorted(range(len(starts)), key=home_s.__getitem__):
             near = [down_s[j] for j in down_s if math.dist(starts[j], starts[k]) < apart_m]
             down_s[k] = max([home_s[k], *near]) + autopilot.landing_s(heights[k])
         return max(down_s.values())
 
-    def ways_m(
-        self, step: ReturnStep, plan: Plan, before: PlannedFormation
-    ) -> list[tuple[Point, ...]]:
+    def ways_m(self, step: ReturnStep, at: Setting) -> list[tuple[Point, ...]]:
         """To the own start."""
-        starts = [(n * plan.unit_m, e * plan.unit_m) for n, e in (a.start for a in plan.agents)]
-        return list(zip(before.places_m(), starts, strict=True))
+        unit = at.plan.unit_m
+        starts = [(n * unit, e * unit) for n, e in (agent.start for agent in at.plan.agents)]
+        return list(zip(at.before.places_m(), starts, strict=True))

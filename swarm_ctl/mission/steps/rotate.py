@@ -31,11 +31,9 @@ class Rotate(Travel[RotateSection, RotateStep]):
     section = RotateSection
 
     def led(self, written: RotateSection, before: PlannedFormation, pace: Pace) -> RotateStep:
-        """By its angle from the shape as it was formed."""
         return RotateStep(before.angle_rad + math.radians(written.angle_deg), *pace)
 
     def words(self, step: RotateStep, plan: Plan) -> str:
-        """`rotate to 90 degrees at 2 m/s`."""
         return f"rotate to {math.degrees(step.angle_rad):g} degrees at {step.speed_mps:g} m/s"
 
     def doubtful(self, written: RotateSection, place: Place) -> Findings:

@@ -8,10 +8,10 @@ from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.scale import ScaleStep
-from swarm_ctl.mission.input.document import Finding
+from swarm_ctl.mission.input.document import Finding, Place
 from swarm_ctl.mission.input.findings import ROUNDING, Findings
 from swarm_ctl.mission.input.units import enough, said
-from swarm_ctl.mission.steps.step_kind import InPlan
+from swarm_ctl.mission.steps.step_kind import Mission, Setting
 from swarm_ctl.mission.steps.travel import Pace, Travel, TravelSection
 
 
@@ -28,16 +28,14 @@ class Scale(Travel[ScaleSection, ScaleStep]):
     section = ScaleSection
 
     def led(self, written: ScaleSection, before: PlannedFormation, pace: Pace) -> ScaleStep:
-        """By its size relative to the shape as it was formed."""
         return ScaleStep(before.scale * written.factor, *pace)
 
     def words(self, step: ScaleStep, plan: Plan) -> str:
-        """`scale to 2 at 2 m/s`."""
         return f"scale to {step.factor:g} at {step.speed_mps:g} m/s"
 
-    def wrong(self, step: ScaleStep, at: InPlan) -> Findings:
+    def wrong(self, step: ScaleStep, at: Setting, place: Place, mission: Mission) -> Findings:
         """No two slots come too close."""
-        plan, mission = at.plan, at.mission
+        plan = at.plan
         r_out, apart = plan.law.r_out, smallest_distance(step.after(at.before).offsets)
         if apart <= r_out + ROUNDING:
             narrowing = step.factor / at.before.scale
@@ -45,5 +43,5 @@ class Scale(Travel[ScaleSection, ScaleStep]):
             wide = f"above {enough(narrowing * r_out / apart)}"
             least = said(r_out * plan.unit_m, mission)
             allowed = f"{wide}: more than law.r_out = {least} between slots"
-            yield Finding((*at.place, "factor"), what, allowed)
-        yield from super().wrong(step, at)
+            yield Finding((*place, "factor"), what, allowed)
+        yield from super().wrong(step, at, place, mission)

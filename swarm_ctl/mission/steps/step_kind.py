@@ -4,19 +4,23 @@ asks which kind it is. What agents fly of it is in `core/model/steps/`, under th
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeAlias, TypeVar
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeAlias, TypeVar
 
 from swarm_ctl.core.model.plan import Plan, Point, Policy
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.mission.input.document import Place
 from swarm_ctl.mission.input.findings import Findings
-from swarm_ctl.mission.sections.mission_sections import AgentEntry, LawSection, PolicySection
 from swarm_ctl.mission.sections.section import Action, Section
-from swarm_ctl.mission.sections.shape_sections import Shape
-from swarm_ctl.mission.sections.vehicle_section import VehicleSection
 from swarm_ctl.mission.steps.autopilot_times import UpAndDown
+
+if TYPE_CHECKING:
+    from swarm_ctl.mission.mission_file import MissionFile
+
+    Mission: TypeAlias = MissionFile
+else:
+    Mission = Any
 
 
 class StepSection(Section):
@@ -40,41 +44,11 @@ class TimedSection(StepSection):
     """What to do after `timeout_s`: land, return, hold, or continue with the next step."""
 
 
-class Entry(Protocol):
-    """One entry of the file's steps."""
-
-    @property
-    def body(self) -> StepSection | None: ...
-
-
-class Mission(Protocol):
-    """What a step sees of its mission file."""
-
-    @property
-    def lengths(self) -> str: ...
-    @property
-    def unit_m(self) -> float: ...
-    @property
-    def law(self) -> LawSection: ...
-    @property
-    def vehicle(self) -> VehicleSection: ...
-    @property
-    def policies(self) -> PolicySection: ...
-    @property
-    def agents(self) -> Sequence[AgentEntry]: ...
-    @property
-    def shapes(self) -> Mapping[str, Shape]: ...
-    @property
-    def steps(self) -> Sequence[Entry]: ...
-
-
-class InPlan(NamedTuple):
+class Setting(NamedTuple):
     """Where a step stands."""
 
     plan: Plan
     before: PlannedFormation
-    place: Place
-    mission: Mission
 
 
 S = TypeVar("S", bound=StepSection)
@@ -103,20 +77,6 @@ class StepKind(ABC, Generic[S, P]):
     def planned(self, written: S, mission: Mission, before: PlannedFormation) -> P:
         """The step of the plan; lengths in units."""
 
-    @abstractmethod
-    def words(self, step: P, plan: Plan) -> str:
-        """What it does, for `validate`."""
-
-    @abstractmethod
-    def least_s(self, step: P, plan: Plan, before: PlannedFormation) -> float:
-        """How long it takes at its speed."""
-
-    @abstractmethod
-    def expected_s(
-        self, step: P, plan: Plan, before: PlannedFormation, autopilot: UpAndDown
-    ) -> float:
-        """How long it takes as vehicles fly it."""
-
     def needed_s(self, written: S, mission: Mission) -> float:
         """No time-out may be shorter, by the file alone."""
         return 0.0
@@ -125,13 +85,25 @@ class StepKind(ABC, Generic[S, P]):
         """What may be a slip."""
         yield from ()
 
-    def wrong(self, step: P, at: InPlan) -> Findings:
+    def wrong(self, step: P, at: Setting, place: Place, mission: Mission) -> Findings:
         """What shows only in the plan."""
         yield from ()
 
-    def ways_m(self, step: P, plan: Plan, before: PlannedFormation) -> list[tuple[Point, ...]]:
+    def words(self, step: P, plan: Plan) -> str:
+        """What it does, for `validate`."""
+        return step.title
+
+    def ways_m(self, step: P, at: Setting) -> list[tuple[Point, ...]]:
         """The way of each agent, as corners in the common frame; empty: all stay."""
-        return step.ways_m(before)
+        return step.ways_m(at.before)
+
+    def least_s(self, step: P, at: Setting) -> float:
+        """How long it takes at its speed; a form step settles, a landing takes nothing."""
+        return step.lasts_s or (step.settling.settle_s if step.settling else 0.0)
+
+    def expected_s(self, step: P, at: Setting, autopilot: UpAndDown) -> float:
+        """How long it takes as vehicles fly it."""
+        return self.least_s(step, at)
 
 
 AnyKind: TypeAlias = StepKind[Any, Any]

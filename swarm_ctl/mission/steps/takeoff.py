@@ -9,11 +9,11 @@ from pydantic import Field
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.takeoff import TakeoffStep
-from swarm_ctl.mission.input.document import Finding
+from swarm_ctl.mission.input.document import Finding, Place
 from swarm_ctl.mission.input.findings import Findings
 from swarm_ctl.mission.sections.section import Timeout
 from swarm_ctl.mission.steps.autopilot_times import UpAndDown
-from swarm_ctl.mission.steps.step_kind import InPlan, Mission, StepKind, TimedSection
+from swarm_ctl.mission.steps.step_kind import Mission, Setting, StepKind, TimedSection
 
 _SPOOL_UP_S: Final = 30.0
 
@@ -28,7 +28,6 @@ class TakeoffSection(TimedSection):
 
     @property
     def climbs_to_m(self) -> float | None:
-        """Its height."""
         return self.height_m
 
 
@@ -41,31 +40,25 @@ class Takeoff(StepKind[TakeoffSection, TakeoffStep]):
     def planned(
         self, written: TakeoffSection, mission: Mission, before: PlannedFormation
     ) -> TakeoffStep:
-        """Its height above each take-off point."""
         generous_s = _SPOOL_UP_S + 2 * self.needed_s(written, mission)
         return TakeoffStep(written.height_m, written.timeout_s or generous_s, written.on_timeout)
 
     def words(self, step: TakeoffStep, plan: Plan) -> str:
-        """`takeoff to 10 m`."""
         return f"takeoff to {step.height_m:g} m"
 
     def needed_s(self, written: TakeoffSection, mission: Mission) -> float:
-        """The climb."""
         return written.height_m / mission.vehicle.limits.climb_mps
 
-    def least_s(self, step: TakeoffStep, plan: Plan, before: PlannedFormation) -> float:
-        """The climb."""
-        return step.height_m / plan.limits.climb_mps
+    def least_s(self, step: TakeoffStep, at: Setting) -> float:
+        return step.height_m / at.plan.limits.climb_mps
 
-    def expected_s(
-        self, step: TakeoffStep, plan: Plan, before: PlannedFormation, autopilot: UpAndDown
-    ) -> float:
+    def expected_s(self, step: TakeoffStep, at: Setting, autopilot: UpAndDown) -> float:
         """The autopilot's own climb."""
         return autopilot.arm_s + step.height_m / autopilot.climb_mps
 
-    def wrong(self, step: TakeoffStep, at: InPlan) -> Findings:
+    def wrong(self, step: TakeoffStep, at: Setting, place: Place, mission: Mission) -> Findings:
         """The geofence has a ceiling."""
         if at.plan.fence is not None and step.height_m > at.plan.fence.height_m:
             what = f"{step.height_m:g} m is above the geofence"
             allowed = f"at most fence.height_m = {at.plan.fence.height_m:g}"
-            yield Finding((*at.place, "height_m"), what, allowed)
+            yield Finding((*place, "height_m"), what, allowed)

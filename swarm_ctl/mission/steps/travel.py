@@ -7,14 +7,14 @@ from typing import ClassVar, NamedTuple, TypeVar
 
 from pydantic import Field
 
-from swarm_ctl.core.model.plan import Plan, Policy
+from swarm_ctl.core.model.plan import Policy, Response
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.step import Path
 from swarm_ctl.mission.input.document import Finding, Place
 from swarm_ctl.mission.input.findings import Findings, too_short
 from swarm_ctl.mission.sections.section import Timeout
 from swarm_ctl.mission.steps.autopilot_times import UpAndDown
-from swarm_ctl.mission.steps.step_kind import Checks, InPlan, Mission, StepKind, TimedSection
+from swarm_ctl.mission.steps.step_kind import Checks, Mission, Setting, StepKind, TimedSection
 
 
 class TravelSection(TimedSection):
@@ -64,33 +64,29 @@ class Travel(StepKind[T, W]):
         """The step of the plan."""
 
     def planned(self, written: T, mission: Mission, before: PlannedFormation) -> W:
-        """From where the step before leaves the formation."""
         speed_mps = written.speed_mps or mission.vehicle.limits.speed_mps / 2
         pace = Pace(speed_mps, written.tolerance_m, written.settle_s, 0.0, written.on_timeout)
         way_m = sum(self.led(written, before, pace).legs_m(before))
         timeout_s = written.timeout_s or 30 + written.settle_s + 2 * way_m / speed_mps
         return self.led(written, before, pace._replace(timeout_s=timeout_s))
 
-    def least_s(self, step: W, plan: Plan, before: PlannedFormation) -> float:
-        """All legs at full speed, and settling."""
-        return sum(step.legs_m(before)) / step.speed_mps + step.settle_s
+    def least_s(self, step: W, at: Setting) -> float:
+        return sum(step.legs_m(at.before)) / step.speed_mps + step.settle_s
 
-    def expected_s(
-        self, step: W, plan: Plan, before: PlannedFormation, autopilot: UpAndDown
-    ) -> float:
+    def expected_s(self, step: W, at: Setting, autopilot: UpAndDown) -> float:
         """Vehicles follow their stop points by dead time and lag."""
-        legs_s = sum(_leg_s(plan, step.speed_mps, way_m) for way_m in step.legs_m(before))
-        late_s = plan.response.dead_time_s + plan.response.lag_s
+        response, ways_m = at.plan.response, step.legs_m(at.before)
+        legs_s = sum(_leg_s(response, step.speed_mps, way_m) for way_m in ways_m)
+        late_s = response.dead_time_s + response.lag_s
         return legs_s + late_s + step.settle_s
 
-    def wrong(self, step: W, at: InPlan) -> Findings:
+    def wrong(self, step: W, at: Setting, place: Place, mission: Mission) -> Findings:
         """Its time suffices."""
-        needed_s = self.least_s(step, at.plan, at.before)
-        yield from too_short(at.place, step.timeout_s, needed_s)
+        yield from too_short(place, step.timeout_s, self.least_s(step, at))
 
 
-def _leg_s(plan: Plan, speed_mps: float, way_m: float) -> float:
+def _leg_s(response: Response, speed_mps: float, way_m: float) -> float:
     """From standstill to standstill at half the vehicles' acceleration, as the shared frame moves
     (`core/control/reference.py`)."""
-    a, v = 0.5 * plan.response.acceleration_mps2, speed_mps
+    a, v = 0.5 * response.acceleration_mps2, speed_mps
     return way_m / v + v / a if way_m > v * v / a else 2 * (way_m / a) ** 0.5

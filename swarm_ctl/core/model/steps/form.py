@@ -33,26 +33,21 @@ class FormStep(Step):
 
     @property
     def title(self) -> str:
-        """`form hexagon`."""
         return f"{self.kind} {self.shape}"
 
     @property
     def new_shape(self) -> FormStep | None:
-        """The step itself."""
         return self
 
     @property
     def exchanges(self) -> bool:
-        """As the mission says."""
         return self.exchange
 
     @property
     def settling(self) -> Settling | None:
-        """Of the shape, wherever it stands."""
         return Settling(self.tolerance_m, self.settle_s)
 
     def after(self, formation: PlannedFormation) -> PlannedFormation:
-        """The shape, about the centre of the one before."""
         return replace(formation, slots=self.slots, angle_rad=0.0, scale=1.0, formed=True)
 
     def poses(self, before: PlannedFormation) -> list[PlannedFormation]:

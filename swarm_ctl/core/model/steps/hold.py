@@ -20,5 +20,4 @@ class HoldStep(Step):
 
     @property
     def lasts_s(self) -> float | None:
-        """Its duration."""
         return self.duration_s

@@ -29,11 +29,9 @@ class MoveStep(Path):
 
     @property
     def way_m(self) -> tuple[Point, ...]:
-        """Its waypoints."""
         return self.waypoints_m
 
     def after(self, formation: PlannedFormation) -> PlannedFormation:
-        """Its centre at the last waypoint."""
         return replace(formation, centre_m=self.waypoints_m[-1])
 
     def poses(self, before: PlannedFormation) -> list[PlannedFormation]:
@@ -41,18 +39,15 @@ class MoveStep(Path):
         return [before, *(replace(before, centre_m=centre) for centre in self.waypoints_m)]
 
     def legs_m(self, before: PlannedFormation) -> list[float]:
-        """From waypoint to waypoint."""
         points = (before.centre_m, *self.waypoints_m)
         return [math.dist(a, b) for a, b in itertools.pairwise(points)]
 
     def left_m(self, frame: Frame, radius_m: float) -> float:
-        """To the next waypoint."""
         if frame.leg >= len(self.waypoints_m):
             return 0.0
         return math.dist(frame.point_m, self.waypoints_m[frame.leg])
 
     def arrived(self, frame: Frame, radius_m: float) -> bool:
-        """Whether the last waypoint is passed."""
         return frame.leg >= len(self.waypoints_m)
 
     def _moved(self, frame: Frame, share: float) -> Frame:
@@ -68,7 +63,6 @@ class MoveStep(Path):
         return Motion(complex((to_n - n) / left * speed_mps, (to_e - e) / left * speed_mps))
 
     def along(self, start: Frame, frame: Frame, radius_m: float) -> tuple[float, float]:
-        """By the legs that are passed, and this one."""
         apart_m, turned_m, grown_m = strayed(start, frame, radius_m)
         way = [start.point_m, *self.waypoints_m[start.leg :]]
         k = max(0, min(frame.leg - start.leg, len(way) - 1))

@@ -34,7 +34,6 @@ class RotateStep(Path):
     spins: ClassVar[bool] = True
 
     def after(self, formation: PlannedFormation) -> PlannedFormation:
-        """Turned to its angle."""
         return replace(formation, angle_rad=self.angle_rad)
 
     def poses(self, before: PlannedFormation) -> list[PlannedFormation]:
@@ -46,11 +45,9 @@ class RotateStep(Path):
         ]
 
     def legs_m(self, before: PlannedFormation) -> list[float]:
-        """One arc."""
         return [abs(self.angle_rad - before.angle_rad) * before.radius_m]
 
     def left_m(self, frame: Frame, radius_m: float) -> float:
-        """Along the arc."""
         return abs(self.angle_rad - frame.angle_rad) * radius_m * frame.scale
 
     def _moved(self, frame: Frame, share: float) -> Frame:
@@ -64,7 +61,6 @@ class RotateStep(Path):
         return Motion(spin=complex(0.0, turn))
 
     def along(self, start: Frame, frame: Frame, radius_m: float) -> tuple[float, float]:
-        """By the angle."""
         apart_m, _, grown_m = strayed(start, frame, radius_m)
         at = between(start.angle_rad, frame.angle_rad, self.angle_rad)
         beside = abs(frame.angle_rad - at) * radius_m * start.scale

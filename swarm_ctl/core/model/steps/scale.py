@@ -28,7 +28,6 @@ class ScaleStep(Path):
     spins: ClassVar[bool] = True
 
     def after(self, formation: PlannedFormation) -> PlannedFormation:
-        """At its size."""
         return replace(formation, scale=self.factor)
 
     def poses(self, before: PlannedFormation) -> list[PlannedFormation]:
@@ -36,11 +35,9 @@ class ScaleStep(Path):
         return [before, self.after(before)]
 
     def legs_m(self, before: PlannedFormation) -> list[float]:
-        """Straight out or in."""
         return [abs(self.factor / before.scale - 1.0) * before.radius_m]
 
     def left_m(self, frame: Frame, radius_m: float) -> float:
-        """Straight out or in."""
         return abs(self.factor - frame.scale) * radius_m
 
     def _moved(self, frame: Frame, share: float) -> Frame:
@@ -53,7 +50,6 @@ class ScaleStep(Path):
         return Motion(spin=complex(grow, 0.0))
 
     def along(self, start: Frame, frame: Frame, radius_m: float) -> tuple[float, float]:
-        """By the scale."""
         apart_m, turned_m, _ = strayed(start, frame, radius_m)
         at = between(start.scale, frame.scale, self.factor)
         beside = abs(frame.scale - at) * radius_m

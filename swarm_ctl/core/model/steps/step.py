@@ -121,12 +121,10 @@ class Path(Step):
 
     @property
     def path(self) -> Path | None:
-        """The step itself."""
         return self
 
     @property
     def settling(self) -> Settling | None:
-        """Once the frame has arrived."""
         return Settling(self.tolerance_m, self.settle_s)
 
     @abstractmethod

@@ -23,9 +23,7 @@ class TakeoffStep(Step):
 
     @property
     def climbs_to_m(self) -> float | None:
-        """Above the vehicle's own take-off point."""
         return self.height_m
 
     def after(self, formation: PlannedFormation) -> PlannedFormation:
-        """The starts, at that height."""
         return replace(formation, height_m=self.height_m)
