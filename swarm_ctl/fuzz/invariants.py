@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from swarm_ctl.core.agent.agent import STATUS_EVERY_S
+from swarm_ctl.core.kernel.constraints import margins_of
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Outcome, Phase
 from swarm_ctl.core.model.plan import Policy
@@ -222,6 +223,16 @@ class _Seen:
         return not found and self.plan.safety.filter and self.wind_mps <= _WIND_MPS
 
     @cached_property
+    def misjudged_m(self) -> float:
+        """By how much [m] drawn GPS noise may bring a pair under r_in: four deviations of two
+        positions, less what keep-out spares."""
+        sets = [self.parameters, *(values for _, _, _, values, _ in self.faults)]
+        noise_m = max(values.get("SIM_GPS_NOISE", 0.0) for values in sets)
+        plan = self.plan
+        margins = margins_of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m)
+        return max(0.0, 4.0 * math.sqrt(2.0) * noise_m - (margins.keep_out - self.r_in_m))
+
+    @cached_property
     def apart_at_start(self) -> float:
         """The smallest distance of two starts [m]."""
         starts = [agent.start for agent in self.plan.agents]
@@ -319,7 +330,7 @@ def _apart(seen: _Seen) -> Iterator[str]:
     for a, b in itertools.combinations(seen.ids, 2):
         until_s = min(seen.taken[a], seen.taken[b], seen.lies[a], seen.lies[b])
         found = _closest(seen, a, b, until_s, autopilots=not close)
-        if found is not None and found[0] < seen.r_in_m:
+        if found is not None and found[0] < seen.r_in_m - seen.misjudged_m:
             near_m, time_s = found
             yield (
                 f"agents {a} and {b} were {near_m:.2f} m apart at {time_s:.1f} s, under r_in"

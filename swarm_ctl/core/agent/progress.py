@@ -88,8 +88,9 @@ class Progress:
             self._close(outcome, now)
 
     def break_off(self, outcome: StepOutcome, now: float) -> None:
-        """The current step ends early, and the mission with it."""
-        if not self.done:
+        """The current step ends early, and the mission with it; it ends once, whatever comes after
+        that."""
+        if not self.done and self.results[-1].end_s is None:
             self._close(outcome, now)
 
     def advance(self, members: Iterable[tuple[int, bool]], now: float) -> bool:

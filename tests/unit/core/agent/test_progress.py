@@ -59,6 +59,7 @@ def test_results_tell_how_each_step_went() -> None:
     progress.finish_step(2.0)
     progress.advance([], 3.0)
     progress.break_off("timeout", 4.0)
+    progress.break_off("aborted", 9.0)
     assert [(r.name, r.result, r.start_s, r.end_s) for r in progress.results] == [
         ("prepare", "done", 1.0, 2.0),
         ("takeoff", "timeout", 3.0, 4.0),
