@@ -263,7 +263,15 @@ class ProcessFlight(SwarmFlight):
             ups = sorted(e.sysid for e in truth.events if e.event == EventKind.LIFTOFF)
             downs = sorted(e.sysid for e in truth.events if e.event == EventKind.TOUCHDOWN)
             down = ups == downs
-        return FlightResult(outcomes, apart_m, down, tuple(self.events()), summary, truth, folder)
+        return FlightResult(
+            outcomes=outcomes,
+            closest_m=apart_m,
+            all_down=down,
+            events=tuple(self.events()),
+            summary=summary,
+            truth=truth,
+            folder=folder,
+        )
 
     def _fly_on(self, within_s: float) -> None:
         """Until `run` has ended; in lockstep the test leaves the barrier with the last agent."""

@@ -127,43 +127,85 @@ _AS_IT_COMES: Final = 20.0, 200
 """A command is sent again after half a second, and acknowledged again."""
 
 STATE: Final = Channel(
-    "state", AgentState, "agent", "agents, stations", _EVERY_TICK, NEWEST, Bounds(153, 200.0, 1000)
+    name="state",
+    payload=AgentState,
+    publisher="agent",
+    listeners="agents, stations",
+    rate=_EVERY_TICK,
+    qos=NEWEST,
+    bounds=Bounds(153, 200.0, 1000),
 )
 FAR: Final = Channel(
-    "far",
-    AgentState,
-    "agent",
-    "agents",
-    "2 Hz, of more than 16 agents",
-    REPORT,
-    Bounds(153, 4.0, 100),
+    name="far",
+    payload=AgentState,
+    publisher="agent",
+    listeners="agents",
+    rate="2 Hz, of more than 16 agents",
+    qos=REPORT,
+    bounds=Bounds(153, 4.0, 100),
 )
 CLOCK: Final = Channel(
-    "clock", ClockNews, "agent", "agents", _CLOCK_RATE, TIMED, Bounds(12 + 18 * _AGENTS, 10.0, 100)
+    name="clock",
+    payload=ClockNews,
+    publisher="agent",
+    listeners="agents",
+    rate=_CLOCK_RATE,
+    qos=TIMED,
+    bounds=Bounds(12 + 18 * _AGENTS, 10.0, 100),
 )
 STATUS: Final = Channel(
-    "status", AgentStatus, "agent", "stations", "2 Hz", REPORT, Bounds(64 * _KB, 4.0, 100)
+    name="status",
+    payload=AgentStatus,
+    publisher="agent",
+    listeners="stations",
+    rate="2 Hz",
+    qos=REPORT,
+    bounds=Bounds(64 * _KB, 4.0, 100),
 )
 SIGMA: Final = Channel(
-    "sigma", SigmaReport, "agent", "stations", _SIGMA_RATE, REPORT, Bounds(64 * _KB, 10.0, 200)
+    name="sigma",
+    payload=SigmaReport,
+    publisher="agent",
+    listeners="stations",
+    rate=_SIGMA_RATE,
+    qos=REPORT,
+    bounds=Bounds(64 * _KB, 10.0, 200),
 )
 EVENT: Final = Channel(
-    "event", Event, "agent", "stations", "as it happens", MUST_ARRIVE, Bounds(8 * _KB, 20.0, 500)
+    name="event",
+    payload=Event,
+    publisher="agent",
+    listeners="stations",
+    rate="as it happens",
+    qos=MUST_ARRIVE,
+    bounds=Bounds(8 * _KB, 20.0, 500),
 )
 ACK: Final = Channel(
-    "ack", Ack, "agent", "stations", "per command", MUST_ARRIVE, Bounds(4 * _KB, *_AS_IT_COMES)
+    name="ack",
+    payload=Ack,
+    publisher="agent",
+    listeners="stations",
+    rate="per command",
+    qos=MUST_ARRIVE,
+    bounds=Bounds(4 * _KB, *_AS_IT_COMES),
 )
 COMMAND: Final = Channel(
-    "command",
-    Command,
-    "station",
-    "agents",
-    _COMMAND_RATE,
-    MUST_ARRIVE,
-    Bounds(24 * _KB, *_AS_IT_COMES),
+    name="command",
+    payload=Command,
+    publisher="station",
+    listeners="agents",
+    rate=_COMMAND_RATE,
+    qos=MUST_ARRIVE,
+    bounds=Bounds(24 * _KB, *_AS_IT_COMES),
 )
 BEACON: Final = Channel(
-    "beacon", StationBeacon, "station", "agents, stations", "4 Hz", REPORT, Bounds(_KB, 8.0, 100)
+    name="beacon",
+    payload=StationBeacon,
+    publisher="station",
+    listeners="agents, stations",
+    rate="4 Hz",
+    qos=REPORT,
+    bounds=Bounds(_KB, 8.0, 100),
 )
 
 _ALL = (STATE, FAR, CLOCK, STATUS, SIGMA, EVENT, ACK, COMMAND, BEACON)

@@ -44,11 +44,11 @@ class Ticker:
     def report(self) -> TickReport:
         """The figures so far [ms]."""
         return TickReport(
-            self._late.count,
-            self._overruns,
-            self._late.percentile(0.5) or 0.0,
-            self._late.percentile(0.99) or 0.0,
-            self._late.most,
-            self._work.percentile(0.5) or 0.0,
-            self._work.percentile(0.99) or 0.0,
+            count=self._late.count,
+            overruns=self._overruns,
+            late_p50_ms=self._late.percentile(0.5) or 0.0,
+            late_p99_ms=self._late.percentile(0.99) or 0.0,
+            late_max_ms=self._late.most,
+            work_p50_ms=self._work.percentile(0.5) or 0.0,
+            work_p99_ms=self._work.percentile(0.99) or 0.0,
         )

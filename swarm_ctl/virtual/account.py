@@ -174,7 +174,15 @@ class Account:
         dead = {agent for agent in ids if killed[f"agent-{agent}"]}
         last = last_statuses(ids, of_processes(self.statuses), self._final_of(notes), notes, dead)
         flight = flown(truth, {}, self.manifest, last)
-        return RunFolder(self.manifest, truth, {}, flight, ids, last, notes)
+        return RunFolder(
+            manifest=self.manifest,
+            truth=truth,
+            tracks={},
+            flight=flight,
+            agents=ids,
+            last=last,
+            notes=notes,
+        )
 
     def _final_of(self, notes: list[str]) -> Any:
         def final_of(agent: int) -> AgentStatus | None:

@@ -338,19 +338,19 @@ class ScenarioFlight:
         names = [*(f"agent-{agent}" for agent in self._ids), STATION, "simulator"]
         summary, truth = self.account.judge({name: name in self._killed for name in names})
         return FlownScenario(
-            self.scenario,
-            self.mission,
-            summary,
-            truth,
-            (*self.account.statuses, *self.account.finals.values()),
-            tuple(self.account.events),
-            tuple(self.orders),
-            tuple(self.met),
-            self.bound_s,
-            swarm.now,
-            up,
-            self.account.digest(),
-            self._folder,
+            scenario=self.scenario,
+            mission=self.mission,
+            summary=summary,
+            truth=truth,
+            statuses=(*self.account.statuses, *self.account.finals.values()),
+            events=tuple(self.account.events),
+            orders=tuple(self.orders),
+            met=tuple(self.met),
+            bound_s=self.bound_s,
+            end_s=swarm.now,
+            up=up,
+            digest=self.account.digest(),
+            folder=self._folder,
         )
 
 

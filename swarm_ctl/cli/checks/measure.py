@@ -110,7 +110,19 @@ def measure(
         if endpoint or fleet or mission or agent_id:
             raise InputError("--vehicles starts a vehicle of no fleet; allowed: that alone")
         kind = vehicles.autopilot or autopilot.value
-        task = Task((FleetAgent(sysid, sysid, kind, None, None, TYPICAL[kind], vehicles),))
+        task = Task(
+            (
+                FleetAgent(
+                    id=sysid,
+                    sysid=sysid,
+                    autopilot=kind,
+                    endpoint=None,
+                    mesh=None,
+                    response=TYPICAL[kind],
+                    vehicle=vehicles,
+                ),
+            )
+        )
     elif endpoint is None:
         require("ground", "measure without --endpoint")
         task = task_of(mission, fleet, identity, dry_run=dry_run)

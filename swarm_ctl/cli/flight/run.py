@@ -163,20 +163,20 @@ def run(
 
     binaries = {VehicleKind.ARDUCOPTER: arducopter, VehicleKind.PX4: px4}
     options = RunOptions(
-        1.0 if script is not None else factor or 1.0,  # what it says is in mission time
-        show,
-        runs,
-        1 if seed is None else seed,
-        _rates(record_hz),
-        tlog,
-        served(metrics, foxglove),
-        gcs_addresses(gcs or ()),
-        binaries,
-        px4_log,
-        stepped,
-        Keys(identity, open_mesh, str(fleet or file_of(mission) or mission), own),
-        script,
-        lifeline,
+        speedup=1.0 if script is not None else factor or 1.0,  # what it says is in mission time
+        show=show,
+        runs=runs,
+        seed=1 if seed is None else seed,
+        record_hz=_rates(record_hz),
+        tlog=tlog,
+        ports=served(metrics, foxglove),
+        gcs=gcs_addresses(gcs or ()),
+        binaries=binaries,
+        px4_log=px4_log,
+        lockstep=stepped,
+        keys=Keys(identity, open_mesh, str(fleet or file_of(mission) or mission), own),
+        script=script,
+        lifeline=lifeline,
     )
     if lifeline is not None and not stat.S_ISFIFO(os.fstat(lifeline).st_mode):
         raise InputError(f"--lifeline {lifeline}: is no pipe; allowed: the reading end of one")

@@ -167,13 +167,13 @@ class Agent:
         self._response = ResponseWatch(response)
         # what decides, flies and says
         preflight = Preflight(
-            plan,
-            plan.agent(agent_id),
-            self._hash,
-            self._navigator,
-            expect_station,
-            response,
-            keys_end_s,
+            plan=plan,
+            own=plan.agent(agent_id),
+            plan_hash=self._hash,
+            navigator=self._navigator,
+            expect_station=expect_station,
+            response=response,
+            keys_end_s=keys_end_s,
         )
         self._steering = Steering(self._controller, own, plan.limits)
         self._way_back = ReturnToLaunch(plan, agent_id)
@@ -267,17 +267,17 @@ class Agent:
         frame, before = group.reference.frame, handler.override
         flown = before.step if before else group.progress.current
         situation = AgentSituation(
-            self._plan,
-            group.ids,
-            self._id,
-            self._phase,
-            self._vehicle.was_armed and self._phase is not Phase.ENDED,
-            group.progress,
-            bool(group.reference.slots),
-            before,
-            tick.peers,
-            self._takeover.not_given_back(tick.view),
-            group.held(self._interruption.trigger),
+            plan=self._plan,
+            members=group.ids,
+            agent=self._id,
+            phase=self._phase,
+            airborne=self._vehicle.was_armed and self._phase is not Phase.ENDED,
+            progress=group.progress,
+            formed=bool(group.reference.slots),
+            override=before,
+            peers=tick.peers,
+            not_given_back=self._takeover.not_given_back(tick.view),
+            held=group.held(self._interruption.trigger),
         )
         ack, new = handler.answer(command, situation, frame.leg if frame else 0)
         if not new:
@@ -460,28 +460,28 @@ class Agent:
         still = math.hypot(*fix.velocity_ned_mps) < _STANDS_MPS  # one that falls may say `landed`
         stands = still and tick.view.on_ground and not tick.view.armed
         return AgentState(
-            self._id,
-            self._seq,
-            tick.now,
-            self._hash,
-            self._phase,
-            group.progress.step,
-            group.progress.done,
-            self._vehicle.was_armed and self._phase not in (Phase.ARM, Phase.ENDED),
-            fix.position_ned_m,
-            fix.velocity_ned_mps,
-            controller.stop_point_m,
-            controller.setpoint_mps,
-            group.reference.frame,
-            int(self._way_back.stage),
-            handler.tag,
-            gain_update.tag,
-            gain_update.decided,
-            group.slot_exchange.exchange,
-            controller.estimate.response_s,
-            controller.estimate.doubt_s,
-            left.order if left is not None else None,
-            stands and self._phase is Phase.ENDED,
+            agent=self._id,
+            seq=self._seq,
+            time_s=tick.now,
+            plan_hash=self._hash,
+            phase=self._phase,
+            step=group.progress.step,
+            done=group.progress.done,
+            airborne=self._vehicle.was_armed and self._phase not in (Phase.ARM, Phase.ENDED),
+            position_ned_m=fix.position_ned_m,
+            velocity_ned_mps=fix.velocity_ned_mps,
+            stop_point_m=controller.stop_point_m,
+            setpoint_mps=controller.setpoint_mps,
+            frame=group.reference.frame,
+            stage=int(self._way_back.stage),
+            override=handler.tag,
+            gains_tag=gain_update.tag,
+            next_gains_tag=gain_update.decided,
+            exchange=group.slot_exchange.exchange,
+            response_s=controller.estimate.response_s,
+            doubt_s=controller.estimate.doubt_s,
+            left=left.order if left is not None else None,
+            down=stands and self._phase is Phase.ENDED,
         )
 
     def _report(self, tick: Tick, inbox: Inbox, actions: Actions) -> None:

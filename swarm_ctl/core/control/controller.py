@@ -275,14 +275,14 @@ def _pairs_of(result: LawResult) -> list[law.Pair]:
 
 def _report_of(pair: law.Pair, others: LawInput) -> PairReport:
     return PairReport(
-        others.aircraft[pair.place].id,
-        pair.neighbour,
-        law.STATUSES[pair.status],
-        pair.distance,
-        pair.sigma,
-        pair.sigma_lb,
-        pair.d_lb,
-        pair.d_ub,
-        None if math.isnan(pair.d) else pair.d,
-        pair.alpha,
+        peer=others.aircraft[pair.place].id,
+        neighbour=pair.neighbour,
+        status=law.STATUSES[pair.status],
+        distance=pair.distance,
+        sigma=pair.sigma,
+        sigma_lb=pair.sigma_lb,
+        d_lb=pair.d_lb,
+        d_ub=pair.d_ub,
+        d=None if math.isnan(pair.d) else pair.d,
+        alpha=pair.alpha,
     )

@@ -113,7 +113,15 @@ class LawInputBuilder:
             self._slots, self._traffic = slots, len(traffic)
             self._places = [complex(*slots.get(other.id, (0.0, 0.0))) for other in aircraft]
             self._lower = [other.id == TRAFFIC or self._own < other.id for other in aircraft]
-        return LawInput(aircraft, points, self._places, linked, present, self._lower, along)
+        return LawInput(
+            aircraft=aircraft,
+            points=points,
+            slots=self._places,
+            linked=linked,
+            present=present,
+            lower=self._lower,
+            along=along,
+        )
 
 
 def flies_along(other: OtherAircraft) -> bool:

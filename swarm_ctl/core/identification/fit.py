@@ -149,7 +149,17 @@ def fit(legs: Sequence[Leg], typical: Response) -> Fit:
     )
     warnings = tuple(_warnings(legs, found, typical, spread, share))
     usable = share < BAD_SHARE and _inside(found)
-    return Fit(found, limited, residual, share, stop_rms, stop_most, spread, warnings, usable)
+    return Fit(
+        response=found,
+        limited=limited,
+        residual_mps=residual,
+        share=share,
+        stop_rms_m=stop_rms,
+        stop_most_m=stop_most,
+        spread=spread,
+        warnings=warnings,
+        usable=usable,
+    )
 
 
 def model(times_s: Sequence[float], commands_mps: Sequence[float], vehicle: Response) -> Floats:

@@ -274,7 +274,15 @@ def _schedule(speed_mps: float) -> Iterator[_Part]:
                 (2 * (hold_s + _REST_S), share * speed_mps, True),
             ):
                 end += seconds
-                yield _Part(way, kind, end, seconds, command, leg, hold_s)
+                yield _Part(
+                    way=way,
+                    kind=kind,
+                    until_s=end,
+                    seconds=seconds,
+                    command_mps=command,
+                    leg=leg,
+                    hold_s=hold_s,
+                )
 
 
 def _within(typical: Response, view: VehicleView) -> Response:

@@ -162,7 +162,17 @@ class Other(NamedTuple):
     """It flies the same formation."""
 
 
-NO_OTHER: Final = Other(0, False, 0j, 0j, 0.0, False, False, 0.0, False)
+NO_OTHER: Final = Other(
+    about=0,
+    lower=False,
+    apart=0j,
+    setpoint=0j,
+    age_s=0.0,
+    fresh=False,
+    yields=False,
+    response_s=0.0,
+    along=False,
+)
 
 
 def flown_s(age_s: float, fresh: bool) -> float:

@@ -59,7 +59,19 @@ class Pair(NamedTuple):
     status: int
 
 
-NO_PAIR: Final = Pair(0, 0j, 0.0, False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
+NO_PAIR: Final = Pair(
+    place=0,
+    q=0j,
+    distance=0.0,
+    neighbour=False,
+    sigma=0.0,
+    sigma_lb=0.0,
+    d_lb=0.0,
+    d_ub=0.0,
+    d=0.0,
+    alpha=0.0,
+    status=0,
+)
 
 
 def terms(
@@ -172,7 +184,19 @@ def adapted(
             sigma_lb = _LARGEST
     sigma = max(sigma_lb, 0.0) + law.delta_a
     alpha = g / (sigma + xx)
-    return Pair(place, q, x, neighbour, sigma, sigma_lb, d_lb, d_ub, d, alpha, status)
+    return Pair(
+        place=place,
+        q=q,
+        distance=x,
+        neighbour=neighbour,
+        sigma=sigma,
+        sigma_lb=sigma_lb,
+        d_lb=d_lb,
+        d_ub=d_ub,
+        d=d,
+        alpha=alpha,
+        status=status,
+    )
 
 
 def _chosen(d_lb: float, d_ub: float, law: Law) -> tuple[float, int]:

@@ -90,7 +90,19 @@ def model_of(vehicle: Response, tick_s: float) -> Model:
 
 def unknown(model: Model) -> Estimate:
     """Nothing of it was seen yet."""
-    return Estimate(0.0, model.doubt_s, 0.0, 0.0, 0, False, 0j, 0j, 0j, 0j, 0j)
+    return Estimate(
+        late_s=0.0,
+        doubt_s=model.doubt_s,
+        moved=0.0,
+        agreed=0.0,
+        sent=0,
+        begun=False,
+        place=0j,
+        velocity=0j,
+        slow_velocity=0j,
+        behind=0j,
+        slow_behind=0j,
+    )
 
 
 def response_s(estimate: Estimate, model: Model) -> float:
@@ -101,7 +113,19 @@ def response_s(estimate: Estimate, model: Model) -> float:
 def afresh(estimate: Estimate) -> Estimate:
     """The model flies from where the vehicle is at the next look."""
     late_s, doubt_s, moved, agreed, sent, _, _, _, _, _, _ = estimate
-    return Estimate(late_s, doubt_s, moved, agreed, sent, False, 0j, 0j, 0j, 0j, 0j)
+    return Estimate(
+        late_s=late_s,
+        doubt_s=doubt_s,
+        moved=moved,
+        agreed=agreed,
+        sent=sent,
+        begun=False,
+        place=0j,
+        velocity=0j,
+        slow_velocity=0j,
+        behind=0j,
+        slow_behind=0j,
+    )
 
 
 def steered(
@@ -117,7 +141,17 @@ def steered(
         place, velocity = coasted(place, velocity, acting, 1.0, model.coast)
     count += 1
     return Estimate(
-        late_s, doubt_s, moved, agreed, count, begun, place, velocity, slow, behind, slow_behind
+        late_s=late_s,
+        doubt_s=doubt_s,
+        moved=moved,
+        agreed=agreed,
+        sent=count,
+        begun=begun,
+        place=place,
+        velocity=velocity,
+        slow_velocity=slow,
+        behind=behind,
+        slow_behind=slow_behind,
     )
 
 
@@ -146,17 +180,17 @@ def compared(estimate: Estimate, position: complex, velocity: complex, model: Mo
     doubt_s = least + (model.doubt_s - least) * _UNTRUSTED_M2PS * sure
     begun = True
     return Estimate(
-        late_s,
-        doubt_s,
-        moved,
-        agreed,
-        count,
-        begun,
-        place,
-        flown,
-        slow_velocity,
-        behind,
-        slow_behind,
+        late_s=late_s,
+        doubt_s=doubt_s,
+        moved=moved,
+        agreed=agreed,
+        sent=count,
+        begun=begun,
+        place=place,
+        velocity=flown,
+        slow_velocity=slow_velocity,
+        behind=behind,
+        slow_behind=slow_behind,
     )
 
 

@@ -206,7 +206,15 @@ def adapt_sigma(
     sigma_lb[np.isnan(sigma_lb)] = 0.0  # where D is undefined
     sigma = np.maximum(sigma_lb, 0.0)
     sigma += law.delta_a
-    return AdaptedSigma(sigma, sigma_lb, d_lb, d_ub, d, g / (sigma + xx), status)
+    return AdaptedSigma(
+        sigma=sigma,
+        sigma_lb=sigma_lb,
+        d_lb=d_lb,
+        d_ub=d_ub,
+        d=d,
+        alpha=g / (sigma + xx),
+        status=status,
+    )
 
 
 def _choose_d(d_lb: Floats, d_ub: Floats, law: LawParameters) -> tuple[Floats, NDArray[np.uint8]]:

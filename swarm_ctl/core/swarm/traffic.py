@@ -175,7 +175,16 @@ def _near(
 def _aircraft(now: float, report: _Report, where: complex) -> OtherAircraft:
     age_s = min(now - report.contact.time_s, PREDICT_S)
     stop, velocity = where + report.stops, report.velocity
-    return OtherAircraft(TRAFFIC, None, where, stop, velocity, age_s, age_s, fresh=True)
+    return OtherAircraft(
+        id=TRAFFIC,
+        state=None,
+        position=where,
+        stop_point=stop,
+        setpoint=velocity,
+        age_s=age_s,
+        age_at_most_s=age_s,
+        fresh=True,
+    )
 
 
 class Vacated:

@@ -126,14 +126,14 @@ def fleet_agent(entry: FleetEntry, given: VehicleResponse | None = None) -> Flee
     true = entry.simulated_response
     truly = Response(**true.model_dump()) if true else None
     return FleetAgent(
-        entry.id,
-        entry.vehicle_sysid,
-        entry.firmware,
-        entry.endpoint,
-        entry.mesh,
-        known,
-        entry.kind,
-        truly,
+        id=entry.id,
+        sysid=entry.vehicle_sysid,
+        autopilot=entry.firmware,
+        endpoint=entry.endpoint,
+        mesh=entry.mesh,
+        response=known,
+        vehicle=entry.kind,
+        simulated_response=truly,
         agent_sysid=entry.agent_sysid or AGENT_SYSID,
         router=entry.router,
         host=entry.host,

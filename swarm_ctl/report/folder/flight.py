@@ -71,7 +71,16 @@ def no_flight(agents: int) -> Flight:
     none = np.zeros((0, agents))
     flags = none.astype(np.bool_)
     sources = (Source.ESTIMATES,) * agents
-    return Flight(np.zeros(0), np.zeros((0, agents, 3)), none, flags, flags, flags, none, sources)
+    return Flight(
+        time_s=np.zeros(0),
+        position_ned_m=np.zeros((0, agents, 3)),
+        descent_mps=none,
+        armed=flags,
+        airborne=flags,
+        live=flags,
+        doubt_m=none,
+        sources=sources,
+    )
 
 
 def flight_of(
@@ -100,7 +109,16 @@ def flight_of(
     there = np.isfinite(position[..., 0])
     live = airborne & there & (time_s[:, None] <= np.asarray(live_until_s))
     sources = [Source.TRUTH if sysid in known else Source.ESTIMATES for sysid in sysids]
-    return Flight(time_s, position, descent, armed, airborne, live, doubt, tuple(sources))
+    return Flight(
+        time_s=time_s,
+        position_ned_m=position,
+        descent_mps=descent,
+        armed=armed,
+        airborne=airborne,
+        live=live,
+        doubt_m=doubt,
+        sources=tuple(sources),
+    )
 
 
 def _grid(tracks: Iterable[Track]) -> Floats:

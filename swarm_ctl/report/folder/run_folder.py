@@ -99,7 +99,15 @@ def read_run(folder: Path, killed: Collection[int] = ()) -> RunFolder:
     last = read_last_statuses(folder, planned, notes, killed)
     tracks = _tracks(folder, manifest, notes) if manifest else {}
     flight = flown(truth, tracks, manifest, last) if manifest else None
-    return RunFolder(manifest, truth, tracks, flight, planned or tuple(last), last, notes)
+    return RunFolder(
+        manifest=manifest,
+        truth=truth,
+        tracks=tracks,
+        flight=flight,
+        agents=planned or tuple(last),
+        last=last,
+        notes=notes,
+    )
 
 
 def _manifest(folder: Path, notes: list[str]) -> Manifest | None:

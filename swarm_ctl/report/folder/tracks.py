@@ -161,12 +161,12 @@ def _track(processes: list[_Process], one_clock_s: float) -> Track:
         return np.array([getattr(s, name) for _, s in told], dtype=np.float64)
 
     return Track(
-        np.array([t for t, _ in moved]),
-        np.array([s.position_ned_m for _, s in moved]).reshape(-1, 3),
-        np.array([s.velocity_ned_mps for _, s in moved]).reshape(-1, 3),
-        np.array([t for t, _ in told]),
-        np.array([s.armed for _, s in told], dtype=np.bool_),
-        np.array([s.airborne for _, s in told], dtype=np.bool_),
-        figures("position_accuracy_m"),
-        figures("height_m"),
+        time_s=np.array([t for t, _ in moved]),
+        position_ned_m=np.array([s.position_ned_m for _, s in moved]).reshape(-1, 3),
+        velocity_ned_mps=np.array([s.velocity_ned_mps for _, s in moved]).reshape(-1, 3),
+        told_s=np.array([t for t, _ in told]),
+        armed=np.array([s.armed for _, s in told], dtype=np.bool_),
+        airborne=np.array([s.airborne for _, s in told], dtype=np.bool_),
+        accuracy_m=figures("position_accuracy_m"),
+        height_m=figures("height_m"),
     )

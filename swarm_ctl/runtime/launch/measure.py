@@ -118,7 +118,15 @@ def task_of(
         fence = None if simulated else plan.fence
         limit_mps = plan.limits.speed_mps
         keys = LinkKeys.of(loaded.fleet, identity)
-        task = Task(loaded.fleet.agents, file, plan.tick_s, limit_mps, fence, plan.origin, keys)
+        task = Task(
+            vehicles=loaded.fleet.agents,
+            file=file,
+            tick_s=plan.tick_s,
+            limit_mps=limit_mps,
+            fence=fence,
+            origin=plan.origin,
+            keys=keys,
+        )
     elif fleet is not None:
         read = fleet_file.read_fleet(fleet)
         task = Task(read.agents, fleet, keys=LinkKeys.of(read, identity))

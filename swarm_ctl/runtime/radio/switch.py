@@ -77,16 +77,16 @@ class _Port:
     def load(self, now: float) -> VehicleLoad:
         up, down = self.up.per_s(now), self.down.per_s(now)
         return VehicleLoad(
-            self.agent.id,
-            self.agent.sysid,
-            up[0],
-            down[0],
-            self.setpoints.per_s(now)[0],
-            up[1] + down[1],
-            self.lane.thinned,
-            self.lane.dropped + self.unsent,
-            self.late,
-            None if self.heard_s is None else now - self.heard_s,
+            agent=self.agent.id,
+            sysid=self.agent.sysid,
+            up_frames_per_s=up[0],
+            down_frames_per_s=down[0],
+            setpoints_per_s=self.setpoints.per_s(now)[0],
+            bytes_per_s=up[1] + down[1],
+            thinned=self.lane.thinned,
+            dropped=self.lane.dropped + self.unsent,
+            late=self.late,
+            age_s=None if self.heard_s is None else now - self.heard_s,
         )
 
 
@@ -166,7 +166,13 @@ class Switch:
         used = self._down.per_s(now)[1] + sum(p.up.per_s(now)[1] for p in self._ports.values())
         bad = self._ear.bad + sum(port.ear.bad for port in self._ports.values())
         return RadioLoad(
-            self._name, self._bytes_per_s, used, self._foreign, bad, self.trouble, vehicles
+            radio=self._name,
+            bytes_per_s=self._bytes_per_s,
+            used_bytes_per_s=used,
+            foreign=self._foreign,
+            bad=bad,
+            trouble=self.trouble,
+            vehicles=vehicles,
         )
 
 

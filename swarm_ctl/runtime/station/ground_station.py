@@ -286,15 +286,15 @@ def swarm_now(view: SwarmView) -> SwarmNow:
     left = view.left
     agents = tuple(
         AgentNow(
-            agent.id,
-            agent.state.stop_point_m if agent.state else None,
-            agent.lost,
-            agent.id in flying,
-            agent.status.gains if agent.status else None,
-            agent.link.clock_ahead_s,
-            _shows_ahead_s(agent, view.time_s),
-            agent.id in left,
-            agent.state.down if agent.state is not None else agent.id in left,
+            id=agent.id,
+            stop_point_m=agent.state.stop_point_m if agent.state else None,
+            lost=agent.lost,
+            flies=agent.id in flying,
+            gains=agent.status.gains if agent.status else None,
+            clock_ahead_s=agent.link.clock_ahead_s,
+            shows_ahead_s=_shows_ahead_s(agent, view.time_s),
+            left=agent.id in left,
+            down=agent.state.down if agent.state is not None else agent.id in left,
         )
         for agent in view.agents
         if agent.in_plan

@@ -68,13 +68,13 @@ def run_station(
         endpoints = {agent.id: agent.endpoint for agent in manifest.fleet}
         memory = SwarmMemory(VehicleMemory(state_folder()), folder.name, endpoints, folder)
         station = Station(
-            manifest.plan,
-            Path(manifest.mission),
-            node,
-            clock,
-            recorder,
-            memory,
-            protection(identity, manifest.signing, is_open=manifest.open_mesh),
+            plan=manifest.plan,
+            mission=Path(manifest.mission),
+            node=node,
+            clock=clock,
+            recorder=recorder,
+            memory=memory,
+            protection=protection(identity, manifest.signing, is_open=manifest.open_mesh),
         )
         control = RunControl(pipe, place, folder)
         measure = opened.enter_context(metrics_on(ports.metrics))

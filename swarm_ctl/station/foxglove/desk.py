@@ -121,15 +121,15 @@ class Desk:
         accuracy_m = agent.status.position_accuracy_m if agent.status else None
         square = 0.0 if accuracy_m is None else round(accuracy_m**2, 4)
         return LocationFix(
-            now,
-            frame_of(agent.id),
-            round(place.lat_deg, 8),
-            round(place.lon_deg, 8),
-            round(place.alt_m, 2),
-            (square, 0.0, 0.0, 0.0, square, 0.0, 0.0, 0.0, square),
-            _UNKNOWN if accuracy_m is None else _APPROXIMATED,
-            east_north_up(agent.state.velocity_ned_mps),
-            color_of(agent),
+            timestamp=now,
+            frame_id=frame_of(agent.id),
+            latitude=round(place.lat_deg, 8),
+            longitude=round(place.lon_deg, 8),
+            altitude=round(place.alt_m, 2),
+            position_covariance=(square, 0.0, 0.0, 0.0, square, 0.0, 0.0, 0.0, square),
+            position_covariance_type=_UNKNOWN if accuracy_m is None else _APPROXIMATED,
+            velocity=east_north_up(agent.state.velocity_ned_mps),
+            color=color_of(agent),
         )
 
     def _time(self, time_s: float) -> Time:

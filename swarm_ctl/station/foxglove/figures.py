@@ -68,16 +68,16 @@ def figures(view: SwarmView, alarms: int) -> SwarmFigures:
     near = [agent.nearest_m for agent in view.agents if agent.live and agent.nearest_m is not None]
     sigmas = [agent.sigma for agent in agents if agent.sigma is not None]
     return SwarmFigures(
-        round(view.time_s, 3),
-        view.step,
-        step_name(view.plan, view.step),
-        _rounded(view.error_m),
-        _rounded(min(near, default=None)),
-        max(sigmas, default=None),
-        max((agent.loss for agent in agents), default=0.0),
-        max((agent.link_loss for agent in agents), default=0.0),
-        alarms,
-        agents,
+        time_s=round(view.time_s, 3),
+        step=view.step,
+        step_name=step_name(view.plan, view.step),
+        error_m=_rounded(view.error_m),
+        nearest_m=_rounded(min(near, default=None)),
+        sigma=max(sigmas, default=None),
+        loss=max((agent.loss for agent in agents), default=0.0),
+        link_loss=max((agent.link_loss for agent in agents), default=0.0),
+        alarms=alarms,
+        agents=agents,
     )
 
 

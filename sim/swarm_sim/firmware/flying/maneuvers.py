@@ -284,4 +284,12 @@ def fly(
 ) -> Demand:
     """The demand for a velocity or a position, with the speeds of `style`."""
     s = style
-    return Demand(velocity, position, s.speed_mps, s.climb_mps, s.descent_mps, heading_rad, True)
+    return Demand(
+        velocity_ned_mps=velocity,
+        position_ned_m=position,
+        speed_mps=s.speed_mps,
+        climb_mps=s.climb_mps,
+        descent_mps=s.descent_mps,
+        heading_rad=heading_rad,
+        lift=True,
+    )

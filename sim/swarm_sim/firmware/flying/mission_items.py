@@ -110,4 +110,12 @@ def read_item(message: Message) -> MissionItem | None:
             return None
         x, y = round(x * 1e7), round(y * 1e7)
     p = (m["param1"], m["param2"], m["param3"], m["param4"])
-    return MissionItem(m["command"], m["frame"], p, x, y, m["z"], m["autocontinue"])
+    return MissionItem(
+        command=m["command"],
+        frame=m["frame"],
+        p=p,
+        x=x,
+        y=y,
+        z=m["z"],
+        autocontinue=m["autocontinue"],
+    )
