@@ -25,7 +25,7 @@ class _StrictConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class Place(_StrictConfig):
+class GeodeticPlace(_StrictConfig):
     """A point on the ellipsoid."""
 
     lat_deg: float = Field(ge=-89.0, le=89.0)
@@ -74,7 +74,7 @@ class LagConfig(_StrictConfig):
     acceleration_mps2: float = Field(gt=0.0, le=50.0)
 
 
-class VehicleConfig(Place):
+class VehicleConfig(GeodeticPlace):
     """One vehicle: identity, where it listens, where it stands."""
 
     sysid: int = Field(ge=1, le=250)
@@ -114,7 +114,7 @@ class SimConfig(_StrictConfig):
     """Where the keeper of mission time listens, in Linux's abstract name space; `speedup` and
     `epoch_s` count only when it is gone."""
     seed: int = 0
-    origin: Place
+    origin: GeodeticPlace
     truth_path: Path | None = None
     truth_rate_hz: float = Field(default=10.0, gt=0.0, le=100.0)
     once: bool = False

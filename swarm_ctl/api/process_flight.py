@@ -28,7 +28,7 @@ from swarm_ctl.report.folder.truth import TRUTH, EventKind, load_truth
 from swarm_ctl.report.judge.summary import SUMMARY, Summary
 from swarm_ctl.runtime.clock import pause, wall_s
 from swarm_ctl.runtime.lockstep.seat import STATION, TEST, BarrierSeat
-from swarm_ctl.runtime.lockstep.words import Phase
+from swarm_ctl.runtime.lockstep.words import TickPhase
 from swarm_ctl.runtime.station.run_client import RunClient
 from swarm_ctl.station.picture.view import SwarmView
 from swarm_ctl.virtual.as_processes import run_script
@@ -113,7 +113,7 @@ class ProcessFlight(SwarmFlight):
             self.folder = self._wait_started(where, runs or where)
             self._pids: dict[str, int] = json.loads((self.folder / "processes.json").read_text())
             if (address := read_manifest(self.folder).lockstep) is not None:
-                self._place = BarrierSeat(address, Phase.AFTER, 1.0)
+                self._place = BarrierSeat(address, TickPhase.AFTER, 1.0)
             self._client = RunClient(self.folder, self._place)
         except BaseException:
             self.close()

@@ -21,7 +21,7 @@ from typing import Any, Final
 
 from swarm_ctl import __version__
 from swarm_ctl.errors import InputError, StartError
-from swarm_ctl.fuzz.coverage import Cell, Coverage, cells_of
+from swarm_ctl.fuzz.coverage import Coverage, CoverageCell, cells_of
 from swarm_ctl.fuzz.draw import draw
 from swarm_ctl.fuzz.invariants import Broken, Invariant, broken
 from swarm_ctl.mission.compile.loader import LoadedMission
@@ -60,7 +60,7 @@ def fly(
 
 
 @dataclass(frozen=True, slots=True)
-class Flight:
+class DrawnFlight:
     """One line of the journal."""
 
     number: int
@@ -68,7 +68,7 @@ class Flight:
     flown_s: float
     """Mission time."""
     cpu_s: float
-    cells: tuple[Cell, ...]
+    cells: tuple[CoverageCell, ...]
     broken: tuple[Broken, ...]
 
     def line(self) -> str:
@@ -85,10 +85,10 @@ class Flight:
         return json.dumps(values, separators=(",", ":"))
 
     @classmethod
-    def of(cls, line: str) -> Flight:
+    def of(cls, line: str) -> DrawnFlight:
         """ValueError, KeyError or TypeError where the line is none."""
         values = json.loads(line)
-        cells = tuple(Cell(*cell) for cell in values["cells"])
+        cells = tuple(CoverageCell(*cell) for cell in values["cells"])
         found = tuple(Broken(Invariant[name], text) for name, text in values["broken"])
         return cls(
             values["number"], values["outcome"], values["flown_s"], values["cpu_s"], cells, found
@@ -103,7 +103,7 @@ class Campaign:
     folder: Path
     mission: dict[str, Any] | None = None
     """A user's own, as data."""
-    done: dict[int, Flight] = field(default_factory=dict)
+    done: dict[int, DrawnFlight] = field(default_factory=dict)
 
     def load(self) -> None:
         """Take up what was flown before. InputError where the folder is another campaign's."""
@@ -122,7 +122,7 @@ class Campaign:
             )
         for line in lines:
             try:
-                flight = Flight.of(line)
+                flight = DrawnFlight.of(line)
             except (ValueError, KeyError, TypeError):
                 continue  # what was cut off is flown again
             self.done[flight.number] = flight
@@ -132,7 +132,7 @@ class Campaign:
 
     def fly(
         self, flights: int, processes: int | None = None, until_s: float = float("inf")
-    ) -> Iterator[Flight]:
+    ) -> Iterator[DrawnFlight]:
         """Fly those that are missing of so many, each as it is done. At `until_s` of `wall_s` it
         ends; flights that are not done by then are lost. StartError: a process that flies died."""
         workers = processes or os.cpu_count() or 1
@@ -156,9 +156,9 @@ class Campaign:
         flights = (f for n, f in self.done.items() if before is None or n < before)
         return Coverage(cell for flight in flights for cell in flight.cells)
 
-    def found(self) -> dict[tuple[Invariant, str], list[Flight]]:
+    def found(self) -> dict[tuple[Invariant, str], list[DrawnFlight]]:
         """The flights that broke something, by what it was: its words without their figures."""
-        kinds: dict[tuple[Invariant, str], list[Flight]] = {}
+        kinds: dict[tuple[Invariant, str], list[DrawnFlight]] = {}
         for _, flight in sorted(self.done.items()):
             for invariant, text in {each.invariant: each.text for each in flight.broken}.items():
                 kinds.setdefault((invariant, kind_of(text)), []).append(flight)
@@ -174,19 +174,19 @@ def kind_of(text: str) -> str:
     return re.sub(r"[-\d.]+", "#", text.strip().splitlines()[-1])
 
 
-def _flight(seed: int, wanted: Coverage, of: dict[str, Any] | None, number: int) -> Flight:
+def _flight(seed: int, wanted: Coverage, of: dict[str, Any] | None, number: int) -> DrawnFlight:
     began_s = cpu_s()
     scenario, mission = draw(seed, number, wanted, of)
     flown, found = fly(scenario, mission, twice=number % _TWICE == 0)
     if flown is None:
-        return Flight(number, "raised", 0.0, cpu_s() - began_s, (), tuple(found))
+        return DrawnFlight(number, "raised", 0.0, cpu_s() - began_s, (), tuple(found))
     outcome, cells = str(flown.summary.outcome), tuple(cells_of(flown.met))
     took_s = round(cpu_s() - began_s, 3)
-    return Flight(number, outcome, flown.end_s, took_s, cells, tuple(found))
+    return DrawnFlight(number, outcome, flown.end_s, took_s, cells, tuple(found))
 
 
 @contextlib.contextmanager
-def _pool(workers: int) -> Iterator[Callable[..., Iterator[Flight]]]:
+def _pool(workers: int) -> Iterator[Callable[..., Iterator[DrawnFlight]]]:
     """A map over so many processes; over this one alone where there is one."""
     if workers == 1:
         yield map
@@ -198,7 +198,7 @@ def _pool(workers: int) -> Iterator[Callable[..., Iterator[Flight]]]:
         pool = context.Pool(workers, hears, (signal.SIGTERM,))
         mine = set(multiprocessing.active_children()) - others
 
-    def each(work: Callable[[int], Flight], numbers: list[int]) -> Iterator[Flight]:
+    def each(work: Callable[[int], DrawnFlight], numbers: list[int]) -> Iterator[DrawnFlight]:
         flown = pool.imap_unordered(work, numbers)
         with contextlib.suppress(StopIteration):
             while True:

@@ -29,7 +29,7 @@ WHATS: Final = (*_FAULTS, *(f"order {kind.name}" for kind in ORDERS))
 """All that may happen: pilots by their mode, vehicles by what changes, orders by their command."""
 
 
-class Cell(NamedTuple):
+class CoverageCell(NamedTuple):
     """One thing that happened, and when."""
 
     step: str
@@ -43,24 +43,24 @@ class Cell(NamedTuple):
 class Coverage:
     """How often each cell was met."""
 
-    def __init__(self, cells: Iterable[Cell] = ()) -> None:
-        self.met: Counter[Cell] = Counter(cells)
+    def __init__(self, cells: Iterable[CoverageCell] = ()) -> None:
+        self.met: Counter[CoverageCell] = Counter(cells)
 
-    def add(self, cells: Iterable[Cell]) -> None:
+    def add(self, cells: Iterable[CoverageCell]) -> None:
         """What one more flight met."""
         self.met.update(cells)
 
-    def wants(self, cell: Cell) -> float:
+    def wants(self, cell: CoverageCell) -> float:
         """How much it is wanted: 1 where it was never met, and less each time."""
         return 1.0 / (1.0 + self.met[cell]) ** 2
 
     def wants_step(self, step: str) -> float:
         """How much is still to be met in a step, as a share."""
-        return sum(self.wants(Cell(step, NOTHING, what)) for what in WHATS) / len(WHATS)
+        return sum(self.wants(CoverageCell(step, NOTHING, what)) for what in WHATS) / len(WHATS)
 
     def count(self, step: str, what: str) -> int:
         """How often this happened in this step, after whatever."""
-        return sum(self.met[Cell(step, after, what)] for after in (NOTHING, *FAULTS))
+        return sum(self.met[CoverageCell(step, after, what)] for after in (NOTHING, *FAULTS))
 
     def as_json(self) -> dict[str, Any]:
         """Step by step, what happened and how often; and each cell with what was before."""
@@ -106,11 +106,11 @@ def what_of(happening: Happening) -> str:
     return f"{kind} {which}".strip()
 
 
-def cells_of(met: Iterable[Met]) -> list[Cell]:
+def cells_of(met: Iterable[Met]) -> list[CoverageCell]:
     """The cells of one flight."""
-    cells, after = list[Cell](), NOTHING
+    cells, after = list[CoverageCell](), NOTHING
     for each in met:
-        cells.append(Cell(each.step, after, what_of(each.happening)))
+        cells.append(CoverageCell(each.step, after, what_of(each.happening)))
         if not each.happening.order:
             after = each.happening.kind
     return cells

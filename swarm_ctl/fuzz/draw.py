@@ -16,7 +16,7 @@ import numpy as np
 
 from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.errors import InputError, MissionError
-from swarm_ctl.fuzz.coverage import NOTHING, WHATS, Cell, Coverage
+from swarm_ctl.fuzz.coverage import NOTHING, WHATS, Coverage, CoverageCell
 from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from swarm_ctl.mission.input import yaml_file
@@ -163,7 +163,7 @@ def _happenings(
         at_s = round(at_s + dice.number(0.1, 3, 1), 1) if burst else dice.number(1, 70, 1)
         # which step that will be in is not known yet: about
         step = steps[min(int(at_s / 70 * len(steps)), len(steps) - 1)]
-        what = dice.pick(WHATS, lambda each: wanted.wants(Cell(step, after, each)))  # noqa: B023
+        what = dice.pick(WHATS, lambda each: wanted.wants(CoverageCell(step, after, each)))  # noqa: B023
         found += _happening(dice, what, at_s, ids, shapes)
         if found and not found[-1].get("order"):
             after = what.split()[0]

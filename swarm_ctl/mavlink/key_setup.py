@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.mavlink.framer import Framer, MavlinkFrame
 from swarm_ctl.mavlink.outgoing import AUTOPILOT_COMPONENT, Message, interval, request
-from swarm_ctl.mavlink.signing import KEY_BYTES, Refusal, Signing
+from swarm_ctl.mavlink.signing import KEY_BYTES, LinkSigning, SigningRefusal
 from swarm_ctl.mavlink.wires import Wire
 
 _SYSTEM: Final = 254
@@ -59,7 +59,7 @@ class KeySetup:
     """
 
     def __init__(
-        self, wire: Wire, sysid: int, key: bytes, signing: Signing, *, clear: bool = False
+        self, wire: Wire, sysid: int, key: bytes, signing: LinkSigning, *, clear: bool = False
     ) -> None:
         self._wire, self._sysid, self._clear = wire, sysid, clear
         self._key, self._signing = key, signing
@@ -183,7 +183,7 @@ class KeySetup:
 
 
 _SIGNS: Final = {
-    Refusal.UNSIGNED: Signs.NOT,
-    Refusal.MAVLINK_1: Signs.NOT,
-    Refusal.WRONG_KEY: Signs.OTHER,
+    SigningRefusal.UNSIGNED: Signs.NOT,
+    SigningRefusal.MAVLINK_1: Signs.NOT,
+    SigningRefusal.WRONG_KEY: Signs.OTHER,
 }

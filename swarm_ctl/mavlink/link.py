@@ -27,7 +27,7 @@ from swarm_ctl.mavlink.autopilots.timing import HEARTBEAT_LOST_S, STREAMS_HZ
 from swarm_ctl.mavlink.framer import Framer, MavlinkFrame
 from swarm_ctl.mavlink.mirror import Mirror
 from swarm_ctl.mavlink.outgoing import AGENT_COMPONENT, AUTOPILOT_COMPONENT, Message, timesync
-from swarm_ctl.mavlink.signing import Refusal, RefusedFrames, Signing
+from swarm_ctl.mavlink.signing import LinkSigning, RefusedFrames, SigningRefusal
 from swarm_ctl.mavlink.telemetry.clashes import Clashes
 from swarm_ctl.mavlink.telemetry.incoming import FOLDS_BY_ID, fold
 from swarm_ctl.mavlink.telemetry.records import read
@@ -92,7 +92,7 @@ class VehicleLink:
         remembers: bool = False,
         agent_sysid: int = AGENT_SYSID,
         mirror: Mirror | None = None,
-        signing: Signing | None = None,
+        signing: LinkSigning | None = None,
         streams_hz: Mapping[str, float] = STREAMS_HZ,
     ) -> None:
         if not 1 <= sysid <= 250:
@@ -354,7 +354,7 @@ class VehicleLink:
         whole = b"".join(frame.raw for frame in frames) == raw
         return whole and not any(self._refusal(frame, now) for frame in frames)
 
-    def _refusal(self, frame: MavlinkFrame, now: float) -> Refusal | None:
+    def _refusal(self, frame: MavlinkFrame, now: float) -> SigningRefusal | None:
         """Why the frame does not count; on an open link each does."""
         refusal = None if self._signing is None else self._signing.refusal(frame)
         if refusal is not None:
@@ -363,7 +363,7 @@ class VehicleLink:
 
     def _take(self, frame: MavlinkFrame, now: float) -> None:
         refusal = self._refusal(frame, now)
-        if refusal is Refusal.REPLAYED and math.isinf(self._heard.heartbeat_s):
+        if refusal is SigningRefusal.REPLAYED and math.isinf(self._heard.heartbeat_s):
             self._wire.confirm()  # the vehicle, with an old clock: it sets that by our frames
         if refusal is not None:
             return

@@ -36,7 +36,7 @@ _RADIO: Final = (dialect.MAVLINK_MSG_ID_RADIO_STATUS, dialect.MAVLINK_MSG_ID_RAD
 dropped, and are no forgery."""
 
 
-class Refusal(StrEnum):
+class SigningRefusal(StrEnum):
     """Why a frame does not count, in the words of the alarm."""
 
     UNSIGNED = "unsigned"
@@ -47,7 +47,7 @@ class Refusal(StrEnum):
     AHEAD = "stamped too far ahead"
 
 
-class Signing:
+class LinkSigning:
     """The signing state of one link.
 
     Args:
@@ -94,27 +94,27 @@ class Signing:
         self._raise_to(max(self._stamp + 1, self._start + elapsed))
         return self._stamp
 
-    def refusal(self, frame: MavlinkFrame) -> Refusal | None:
+    def refusal(self, frame: MavlinkFrame) -> SigningRefusal | None:
         """Why a frame does not count; None: it is signed with our key, and new."""
         raw = frame.raw
         if raw[0] != _V2:
-            return Refusal.MAVLINK_1
+            return SigningRefusal.MAVLINK_1
         if not frame.signed:
-            return Refusal.UNSIGNED
+            return SigningRefusal.UNSIGNED
         mac = hashlib.sha256(self._key + raw[:-_MAC_BYTES]).digest()[:_MAC_BYTES]
         if not hmac.compare_digest(mac, raw[-_MAC_BYTES:]):
-            return Refusal.WRONG_KEY
+            return SigningRefusal.WRONG_KEY
         stamp = int.from_bytes(raw[-12:-_MAC_BYTES], "little")
         return self._untimely((frame.system, frame.component), raw[-_SIGNATURE_BYTES], stamp)
 
-    def _untimely(self, source: tuple[int, int], link: int, stamp: int) -> Refusal | None:
+    def _untimely(self, source: tuple[int, int], link: int, stamp: int) -> SigningRefusal | None:
         known, last = self._heard.get(source, (link, self._start - 1))
         if link != known or stamp <= last:
-            return Refusal.REPLAYED
+            return SigningRefusal.REPLAYED
         if stamp > _LAST:
-            return Refusal.AHEAD
+            return SigningRefusal.AHEAD
         if source not in self._heard and len(self._heard) >= _SOURCES:
-            return Refusal.REPLAYED
+            return SigningRefusal.REPLAYED
         self._heard[source] = link, stamp
         self._raise_to(stamp)
         return None
@@ -130,13 +130,13 @@ class RefusedFrames:
     """Counts the frames that one vehicle's link refused, and says so for as long as they come."""
 
     def __init__(self, sysid: int) -> None:
-        self.total: Counter[Refusal] = Counter()
+        self.total: Counter[SigningRefusal] = Counter()
         self._sysid = sysid
-        self._window: Counter[Refusal] = Counter()
+        self._window: Counter[SigningRefusal] = Counter()
         self._since = -math.inf
         self._said = ""
 
-    def note(self, refusal: Refusal, frame: MavlinkFrame, now: float) -> None:
+    def note(self, refusal: SigningRefusal, frame: MavlinkFrame, now: float) -> None:
         """One more."""
         if frame.message_id in _RADIO:
             return

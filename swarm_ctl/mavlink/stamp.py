@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from swarm_ctl.errors import TrustError
-from swarm_ctl.mavlink.signing import KEY_BYTES, UNITS_S, Signing
+from swarm_ctl.mavlink.signing import KEY_BYTES, UNITS_S, LinkSigning
 from swarm_ctl.trust.files import read_guarded, write_private
 
 _AHEAD: Final = 60 * UNITS_S
@@ -87,12 +87,12 @@ class StampKeeper:
 @contextmanager
 def kept_signing(
     key: Path, stamp: Path, unix_s: float, link: int = 0, pace: float = 1.0
-) -> Iterator[Signing]:
+) -> Iterator[LinkSigning]:
     """Signing with the key in one file and the newest stamp in another, at a time of the system's
     clock. TrustError where the key can't be used, or others may read it."""
     with closing(StampKeeper(stamp, unix_s)) as keeper:
         start, keep = keeper.start, keeper.keep
-        yield Signing(read_key(key), start, keep, link, lambda: keeper.failure, pace)
+        yield LinkSigning(read_key(key), start, keep, link, lambda: keeper.failure, pace)
 
 
 def read_key(path: Path) -> bytes:

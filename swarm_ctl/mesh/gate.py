@@ -34,7 +34,7 @@ Likely: TypeAlias = Callable[[Glimpse, float], bool]
 """Whether a word, received at this time [s], may follow what was believed of its agent."""
 
 
-class Source:
+class MeshSource:
     """One key of a channel, and what its owner may still send: a bucket of tokens."""
 
     __slots__ = ("_at_s", "_bounds", "_tokens", "name", "owner")
@@ -110,20 +110,20 @@ class Gate:
         self._channel = channel
         self._refusals = refusals
         self._stations = stations
-        self._familiar: dict[str, Source] = {}
+        self._familiar: dict[str, MeshSource] = {}
         self._known = {key: self._source(key) for key in keys}
-        self._apart: dict[Source, Source] = {}
+        self._apart: dict[MeshSource, MeshSource] = {}
         """Of the known ones, the allowances of what is likely in a flood."""
-        self._strangers: dict[str, Source] = {}
+        self._strangers: dict[str, MeshSource] = {}
         crowded = channel.bounds._replace(per_s=_CROWD_COMMANDS_PER_S)
-        self._crowd = Source(OTHERS, None, crowded if channel is COMMAND else channel.bounds)
+        self._crowd = MeshSource(OTHERS, None, crowded if channel is COMMAND else channel.bounds)
         self._cleared_s = float("-inf")
 
-    def _source(self, key: str) -> Source:
+    def _source(self, key: str) -> MeshSource:
         owner = owner_of(key)
-        return Source(named(owner), _name(self._channel.publisher, owner), self._channel.bounds)
+        return MeshSource(named(owner), _name(self._channel.publisher, owner), self._channel.bounds)
 
-    def _allowance(self, key: str, now: float) -> Source:
+    def _allowance(self, key: str, now: float) -> MeshSource:
         """Whose allowance a message under `key` takes: for a name too many, without any work."""
         found = self._strangers.get(key) or self._familiar.get(key)
         if found is not None:
@@ -142,11 +142,11 @@ class Gate:
 
     def admit(
         self, messages: list[Message], likely: Likely | None = None
-    ) -> list[tuple[float, Source, bytes]]:
+    ) -> list[tuple[float, MeshSource, bytes]]:
         """(received_s [s], source, bytes) of those that may be read, oldest first. Where an agent
         of the plan has too many, as many again of those that are `likely`."""
-        taken: list[tuple[float, Source, bytes]] = []
-        dropped: list[Source] = []
+        taken: list[tuple[float, MeshSource, bytes]] = []
+        dropped: list[MeshSource] = []
         looked = 0 if likely else _LOOKED
         size, known = self._channel.bounds.size, self._known
         if self._channel is BEACON:
@@ -172,7 +172,7 @@ class Gate:
         return taken
 
     def _likely(
-        self, source: Source, data: Carried, received_s: float, likely: Likely | None
+        self, source: MeshSource, data: Carried, received_s: float, likely: Likely | None
     ) -> bool:
         """Of a source that has too many, this one is read all the same."""
         word = glimpse(self._channel.payload, bytes(data))
@@ -182,21 +182,21 @@ class Gate:
             return False
         apart = self._apart.get(source)
         if apart is None:
-            apart = Source(source.owner, source.name, self._channel.bounds)
+            apart = MeshSource(source.owner, source.name, self._channel.bounds)
             self._apart[source] = apart
         return apart.admit(received_s)
 
-    def refuse(self, source: Source, reason: RefusalReason, words: str, now: float) -> None:
+    def refuse(self, source: MeshSource, reason: RefusalReason, words: str, now: float) -> None:
         """Count a message that was read."""
         what = f"a {self._channel.name} under {source.owner}'s key {words}"
         self._refusals.add(source.owner, reason, what, now)
 
-    def _too_large(self, source: Source, size: int, now: float) -> None:
+    def _too_large(self, source: MeshSource, size: int, now: float) -> None:
         limit = self._channel.bounds.size
         words = f"has {size} bytes; allowed: at most {limit}"
         self.refuse(source, RefusalReason.TOO_LARGE, words, now)
 
-    def _too_many(self, dropped: Counter[Source], now: float) -> None:
+    def _too_many(self, dropped: Counter[MeshSource], now: float) -> None:
         name, per_s = self._channel.name, self._channel.bounds.per_s
         for source, count in dropped.items():
             words = (

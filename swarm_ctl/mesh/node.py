@@ -13,7 +13,7 @@ from typing import Any, Final, TypeVar
 
 from swarm_ctl.core.model.messages import Command, Refusal, RefusalReason
 from swarm_ctl.errors import PayloadError
-from swarm_ctl.mesh.gate import Gate, Likely, Source, Stations
+from swarm_ctl.mesh.gate import Gate, Likely, MeshSource, Stations
 from swarm_ctl.mesh.keys import Channel
 from swarm_ctl.mesh.payloads import decode, encode
 from swarm_ctl.mesh.refusals import Refusals
@@ -128,6 +128,6 @@ def _by_links(refusal: Refusal, brings: str) -> Refusal:
     return replace(refusal, words=f"{refusal.words}; most comes by {brings}")
 
 
-def _signed(command: Command, source: Source) -> Command:
+def _signed(command: Command, source: MeshSource) -> Command:
     """A sender need not name itself: the key does."""
     return command if command.station else replace(command, station=str(source.name))

@@ -69,7 +69,7 @@ _REFUSED: Final = (
 )
 
 
-class Part(StrEnum):
+class MeshPart(StrEnum):
     """What a process is on the mesh."""
 
     PEER = "peer"
@@ -80,10 +80,10 @@ class Part(StrEnum):
     """Passes on between its clients and other routers."""
 
 
-def part_in(plan: Plan, routers: Collection[str]) -> Part:
+def part_in(plan: Plan, routers: Collection[str]) -> MeshPart:
     """What the agents and stations of a swarm are. `routers`: those that its fleet names: a small
     swarm that has some uses them."""
-    return Part.PEER if hears_all(plan) and not routers else Part.CLIENT
+    return MeshPart.PEER if hears_all(plan) and not routers else MeshPart.CLIENT
 
 
 def _passed_on(name: str, keys: Sequence[str], priority: str) -> dict[str, Any]:
@@ -103,18 +103,18 @@ _STEADY: Final = [channel for channel in CHANNELS if not channel.qos.reliable]
 _URGENT_KEYS: Final = [channel.key_expression("*") for channel in _STEADY if channel.qos.urgent]
 _QUALITY: Final = {
     # what a peer passes on, of zenoh clients, goes after all that it sends itself
-    Part.PEER: [_passed_on("passed on", ["**"], "background")],
-    Part.CLIENT: [],
+    MeshPart.PEER: [_passed_on("passed on", ["**"], "background")],
+    MeshPart.CLIENT: [],
     # a router passes on all: no sender makes its other messages go before the others' states
-    Part.ROUTER: [
+    MeshPart.ROUTER: [
         _passed_on("passed on", ["**"], "data"),
         _passed_on("states", _URGENT_KEYS, "real_time"),
     ],
 }
 _RULES: Final = {
-    Part.PEER: ("commands", "steady"),
-    Part.CLIENT: (),
-    Part.ROUTER: ("commands", "steady"),
+    MeshPart.PEER: ("commands", "steady"),
+    MeshPart.CLIENT: (),
+    MeshPart.ROUTER: ("commands", "steady"),
 }
 _LOOPBACK: Final = ["lo", "lo0"]
 
@@ -131,7 +131,7 @@ def configuration(
     *,
     patient: bool,
     access: Mapping[str, Any] | None = None,
-    part: Part = Part.PEER,
+    part: MeshPart = MeshPart.PEER,
     own: Mapping[str, Any] | None = None,
 ) -> zenoh.Config:
     """A session's settings.
@@ -150,12 +150,14 @@ def configuration(
     """
     config = _config(own or {})
     queued = {"real_time": _PATIENT_QUEUED if patient else _QUEUED}
-    if part is Part.ROUTER:  # a hundred agents' statuses go to a station by one link
+    if part is MeshPart.ROUTER:  # a hundred agents' statuses go to a station by one link
         queued = {"real_time": _PATIENT_QUEUED, "data": _PATIENT_QUEUED}
     spelled = partial(for_zenoh, protected=bool(access))
     far = any(_leaves_host(each) for each in (*listen, *connect))
     lease_s, open_ms = (_FAR_LEASE_S, _FAR_OPEN_WALL_MS) if far else (_LEASE_S, _OPEN_WALL_MS)
-    client = part is Part.CLIENT  # tries again by itself (`LateSession`), so that it can be closed
+    client = (
+        part is MeshPart.CLIENT
+    )  # tries again by itself (`LateSession`), so that it can be closed
     settings: dict[str, Any] = {
         "mode": part,
         "listen/endpoints": [spelled(_interface(each)) for each in listen],
@@ -275,7 +277,7 @@ def _sizes() -> list[dict[str, Any]]:
     return [*channels, common | other | {"messages": ["put", "delete", "query", "reply"]}]
 
 
-def _rates(part: Part, speedup: float) -> list[dict[str, Any]]:
+def _rates(part: MeshPart, speedup: float) -> list[dict[str, Any]]:
     """What a link may bring. A rule of zenoh's counts all keys of a link together, by the wall
     clock: a client hears all others by one link, and has no such rule."""
     rules = {

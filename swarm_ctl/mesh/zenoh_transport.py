@@ -19,14 +19,14 @@ import zenoh
 
 from swarm_ctl.core.model.messages import Refusal
 from swarm_ctl.errors import StartError
-from swarm_ctl.mesh.gate import Source
+from swarm_ctl.mesh.gate import MeshSource
 from swarm_ctl.mesh.keys import CHANNELS, QUEUE, Bounds, Qos
 from swarm_ctl.mesh.late_session import LateSession
 from swarm_ctl.mesh.links import Links
 from swarm_ctl.mesh.payloads import is_json
 from swarm_ctl.mesh.stepped_transport import MARK_SIZE, Marked, MarkedSource
 from swarm_ctl.mesh.transport import Inlet, Message, QueueInlet, Transport
-from swarm_ctl.mesh.zenoh_config import Part, configuration
+from swarm_ctl.mesh.zenoh_config import MeshPart, configuration
 
 _FLOOD: Final = 256
 """Samples between two drains of a timed subscription: ten times what 50 agents send in a tick while
@@ -83,18 +83,18 @@ class ZenohTransport(Transport):
         *,
         patient: bool = False,
         access: Mapping[str, Any] | None = None,
-        part: Part = Part.PEER,
+        part: MeshPart = MeshPart.PEER,
         alive: str = "",
         own: Mapping[str, Any] | None = None,
     ) -> None:
         self._now = now
-        self._express = part is Part.PEER
+        self._express = part is MeshPart.PEER
         self._publishers: dict[str, Any] = {}
         self._kept: list[Any] = []
         config = configuration(
             listen, connect, speedup, patient=patient, access=access, part=part, own=own
         )
-        if part is Part.CLIENT:
+        if part is MeshPart.CLIENT:
             self._session: Any = LateSession(lambda: _open_to_router(config))
         else:
             self._session = _open(config)
@@ -149,7 +149,7 @@ class ZenohTransport(Transport):
 
     def serve(self, key: str, data: bytes) -> None:
         """Answer those that ask for `key` with `data`, by zenoh's thread."""
-        asked = Source("", key, _ANSWERS)
+        asked = MeshSource("", key, _ANSWERS)
 
         def answer(query: Any) -> None:
             with query:
@@ -247,7 +247,7 @@ class Router:
         own: Mapping[str, Any] | None = None,
     ) -> None:
         config = configuration(
-            listen, connect, speedup, patient=patient, access=access, part=Part.ROUTER, own=own
+            listen, connect, speedup, patient=patient, access=access, part=MeshPart.ROUTER, own=own
         )
         self._kept: list[Any] = []
         self._session = _open(config)

@@ -14,7 +14,7 @@ from typing import Any, Final, Protocol
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.files import replacing
 from swarm_ctl.mesh.keys import owner_of, plan_key
-from swarm_ctl.mesh.zenoh_config import Part
+from swarm_ctl.mesh.zenoh_config import MeshPart
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.mission.compile.offers import Offers, PlanName
 from swarm_ctl.mission.compile.plan_file import PlanFile, read_plan
@@ -36,7 +36,7 @@ class Asked(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class AgentPost:
     """Where an agent is on the mesh before it has a plan: it listens for those that connect to it
     (a station does), and connects, or is the client of a router."""
 
@@ -59,7 +59,7 @@ class Place:
 def fetched_plan(
     wanted: PlanName,
     folder: Path,
-    place: Place,
+    place: AgentPost,
     identity: Identity | None,
     patience_s: float,
     own: Mapping[str, Any] | None = None,
@@ -73,7 +73,7 @@ def fetched_plan(
             open.
     """
     sys.stderr.write(f"agent: waits {patience_s:g} s for {wanted} of a station, {place}\n")
-    part = Part.CLIENT if place.router else Part.PEER
+    part = MeshPart.CLIENT if place.router else MeshPart.PEER
     connect = [place.router] if place.router else place.connect
     mesh = ZenohTransport(
         place.listen, connect, wall.wall_s, access=access(identity, wanted.name), part=part, own=own
@@ -111,7 +111,7 @@ def await_offer(
     return None
 
 
-def _missed(offers: Offers, place: Place, why: str, patience_s: float) -> str:
+def _missed(offers: Offers, place: AgentPost, why: str, patience_s: float) -> str:
     told = list(offers.refusals()) or [why or "no station answered"]
     return (
         f"no plan {offers.wanted} in {patience_s:g} s, {place}: {'; '.join(told)}; allowed: a"

@@ -39,7 +39,7 @@ class Lifeline(Protocol):
         """Say one word to the parent, if it is there."""
 
 
-class Words:
+class ChildWords:
     """What a child tells, at its parent's end of the pipe: lines of text, and never a pickle, which
     could run code here. It never waits: a child may stop within a line."""
 

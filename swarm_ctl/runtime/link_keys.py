@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Final
 
 from swarm_ctl.core.model.fleet import Fleet
-from swarm_ctl.core.model.fleet import Signing as Rule
-from swarm_ctl.mavlink.signing import Signing
+from swarm_ctl.core.model.fleet import SigningPolicy as Rule
+from swarm_ctl.mavlink.signing import LinkSigning
 from swarm_ctl.mavlink.stamp import kept_signing
 from swarm_ctl.runtime.clock import unix_s
 from swarm_ctl.runtime.protection import agent_identity_folder, own_identity
@@ -42,7 +42,7 @@ class LinkKeys:
         folder = self._folder(agent)
         return None if folder is None else folder / MAVLINK_KEY
 
-    def signing(self, agent: int) -> AbstractContextManager[Signing | None]:
+    def signing(self, agent: int) -> AbstractContextManager[LinkSigning | None]:
         """What signs the link of a command to an agent's vehicle. TrustError where the key can't be
         used."""
         folder = self._folder(agent)
@@ -62,6 +62,6 @@ OPEN: Final = LinkKeys()
 
 def folder_signing(
     folder: Path, link: int = AGENT, pace: float = 1.0
-) -> AbstractContextManager[Signing]:
+) -> AbstractContextManager[LinkSigning]:
     """Signing with the key and the stamp in an identity's folder."""
     return kept_signing(folder / MAVLINK_KEY, folder / STAMP, unix_s(), link, pace)

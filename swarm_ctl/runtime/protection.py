@@ -15,7 +15,7 @@ from swarm_ctl.mesh.access import access_settings, as_tls
 from swarm_ctl.runtime.clock import date_and_time
 from swarm_ctl.trust.explain import explain_handshake, same_host
 from swarm_ctl.trust.identity import Identity, certificates_end, identity_folder, load_identity
-from swarm_ctl.trust.names import LOOPBACK, Member, Role, address_of, member_of
+from swarm_ctl.trust.names import LOOPBACK, KeyHolder, Role, address_of, member_of
 
 _ASKED, _ASK_WALL_S = 3, 0.3
 """So many endpoints are asked why they refuse, each for so long."""
@@ -44,7 +44,7 @@ def agent_identity_folder(trust: str | None, agent: int, given: Path | None = No
     None where the mesh is open."""
     if given is not None or trust is None:
         return given
-    return _folder(trust) / Member(Role.AGENT, str(agent)).folder
+    return _folder(trust) / KeyHolder(Role.AGENT, str(agent)).folder
 
 
 def own_identity(folder: Path | None, agent: int) -> Identity | None:
@@ -53,7 +53,7 @@ def own_identity(folder: Path | None, agent: int) -> Identity | None:
     if folder is None:
         return None
     identity = load_identity(folder)
-    if identity.member != Member(Role.AGENT, str(agent)):
+    if identity.member != KeyHolder(Role.AGENT, str(agent)):
         raise TrustError(f"{folder}: is {identity.member}; allowed: the identity of agent {agent}")
     return identity
 
@@ -137,12 +137,12 @@ def explained(identity: Identity | None, endpoints: Sequence[str]) -> str:
 
 
 def refuse_useless(
-    identity: Identity, agents: Iterable[FleetAgent], routers: Mapping[Member, str | None]
+    identity: Identity, agents: Iterable[FleetAgent], routers: Mapping[KeyHolder, str | None]
 ) -> None:
     """TrustError where an agent, a router, or the operator, has no certificate in the roster, one
     for another address, or one that has ended: no link would open. Nor would an agent arm whose
     certificate ends in under 24 h."""
-    places = {Member(Role.AGENT, str(agent.id)): agent.mesh for agent in agents}
+    places = {KeyHolder(Role.AGENT, str(agent.id)): agent.mesh for agent in agents}
     for member, mesh in {identity.member: None, **places, **routers}.items():
         entry = identity.roster.of(member)
         if entry is None:

@@ -7,11 +7,11 @@ from typing import Final
 
 
 @dataclass(frozen=True, slots=True)
-class Ports:
+class ServedPorts:
     """Of 127.0.0.1, by the name of their option; None: it does not serve that."""
 
     metrics: int | None = None
     foxglove: int | None = None
 
 
-NO_PORTS: Final = Ports()
+NO_PORTS: Final = ServedPorts()

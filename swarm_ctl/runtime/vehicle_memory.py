@@ -30,7 +30,7 @@ RECORD: Final = "own_parameters.json"
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class RememberedVehicle:
     """What is remembered of one vehicle."""
 
     vehicle: VehicleIdentity
@@ -58,7 +58,7 @@ class Entry:
 
 _MOST_BYTES: Final = 1 << 20
 """Of a file here."""
-_ENTRY: Final = TypeAdapter(Entry)
+_ENTRY: Final = TypeAdapter(RememberedVehicle)
 _VEHICLES: Final = TypeAdapter(dict[int, OwnParameters])
 
 
@@ -78,11 +78,11 @@ class VehicleMemory:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
-    def entries(self) -> list[Entry]:
+    def entries(self) -> list[RememberedVehicle]:
         """All of them, the oldest first."""
         return sorted((entry for _, entry in self._read()), key=lambda entry: entry.since)
 
-    def recall(self, vehicle: VehicleIdentity, endpoint: str) -> Entry | None:
+    def recall(self, vehicle: VehicleIdentity, endpoint: str) -> RememberedVehicle | None:
         """The newest entry of this vehicle."""
         found = [e for _, e in self._read(_prefix(vehicle)) if e.concerns(vehicle, endpoint)]
         return max(found, key=lambda entry: entry.since, default=None)
@@ -95,7 +95,7 @@ class VehicleMemory:
         if before is not None and (before.vehicle, before.values) == (own.vehicle, values):
             return
         since = f"{date_and_time():%Y-%m-%d %H:%M:%S}"
-        entry = Entry(own.vehicle, endpoint, flight, since, values)
+        entry = RememberedVehicle(own.vehicle, endpoint, flight, since, values)
         self.folder.mkdir(0o700, parents=True, exist_ok=True)
         path = self.folder / _name(own.vehicle, endpoint)
         _write_durably(path, _ENTRY.dump_json(entry, indent=1) + b"\n")
@@ -110,7 +110,7 @@ class VehicleMemory:
             if path != but and entry.concerns(vehicle, endpoint):
                 path.unlink(missing_ok=True)
 
-    def _read(self, prefix: str = "") -> Iterator[tuple[Path, Entry]]:
+    def _read(self, prefix: str = "") -> Iterator[tuple[Path, RememberedVehicle]]:
         for path in sorted(self.folder.glob(f"{prefix}*.json")):
             try:
                 yield path, _ENTRY.validate_json(read_bytes(path, _MOST_BYTES))

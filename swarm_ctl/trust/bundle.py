@@ -19,7 +19,7 @@ from swarm_ctl.trust.files import (
     write_private,
 )
 from swarm_ctl.trust.identity import Identity, load_identity, load_member
-from swarm_ctl.trust.names import Member, member_of
+from swarm_ctl.trust.names import KeyHolder, member_of
 from swarm_ctl.trust.roster import ROSTER, SEAL, parse, read_roster
 
 _NEEDED: Final = (identity.CERTIFICATE, identity.CA, ROSTER, SEAL)
@@ -32,7 +32,7 @@ def pack(folder: Path) -> bytes:
     return packed((f"{folder.name}/{path.name}", read_guarded(path)) for path in there)
 
 
-def unpacked(bundle: Path) -> tuple[Member, dict[str, bytes]]:
+def unpacked(bundle: Path) -> tuple[KeyHolder, dict[str, bytes]]:
     """The member and the files of a bundle; TrustError where it holds anything else."""
     files: dict[str, bytes] = {}
     members: set[str] = set()
@@ -85,7 +85,7 @@ def install(bundle: Path, trust: Path | None = None) -> Identity:
     return load_identity(folder)
 
 
-def _put(files: dict[str, bytes], made: Path, folder: Path, member: Member) -> None:
+def _put(files: dict[str, bytes], made: Path, folder: Path, member: KeyHolder) -> None:
     before = made / identity.CA
     roster = read_roster(made, before) if before.exists() else None
     if roster is not None and read_guarded(before) != files[identity.CA]:

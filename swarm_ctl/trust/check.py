@@ -16,7 +16,7 @@ from swarm_ctl.trust.explain import ask, day, same_host
 from swarm_ctl.trust.files import access_fault, read_guarded, readable
 from swarm_ctl.trust.handshake import Certificate, authority
 from swarm_ctl.trust.identity import CA_FOLDER, CA_KEY, Identity, load_identity
-from swarm_ctl.trust.names import LOOPBACK, Member, Role, address_of, member_of
+from swarm_ctl.trust.names import LOOPBACK, KeyHolder, Role, address_of, member_of
 from swarm_ctl.trust.roster import Roster, read_roster
 
 LEAST_VALIDITY: Final = timedelta(hours=24)
@@ -66,14 +66,14 @@ class FleetNames:
     routers: tuple[str | None, ...] = ()
 
     @property
-    def places(self) -> dict[Member, str | None]:
+    def places(self) -> dict[KeyHolder, str | None]:
         """Where each of them listens."""
-        agents = {Member(Role.AGENT, str(i)): at for i, at in sorted(self.agents.items())}
+        agents = {KeyHolder(Role.AGENT, str(i)): at for i, at in sorted(self.agents.items())}
         routers = enumerate(self.routers, 1)
-        return agents | {Member(Role.ROUTER, str(k)): at for k, at in routers}
+        return agents | {KeyHolder(Role.ROUTER, str(k)): at for k, at in routers}
 
     @property
-    def hosts(self) -> dict[Member, str]:
+    def hosts(self) -> dict[KeyHolder, str]:
         """The address that each certificate must be for."""
         places = self.places.items()
         return {member: address_of(at)[0] if at else LOOPBACK for member, at in places}
@@ -104,7 +104,7 @@ def check(folder: Path, now: datetime, fleet: FleetNames | None = None) -> Trust
     return TrustReport(str(folder), *about, reports, tuple(attention), tuple(notes))
 
 
-def _member(path: Path) -> Member | None:
+def _member(path: Path) -> KeyHolder | None:
     try:
         return member_of(path.name)
     except TrustError:

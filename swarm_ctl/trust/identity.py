@@ -10,7 +10,7 @@ from typing import Final
 from swarm_ctl.errors import TrustError
 from swarm_ctl.trust.files import guard, read_guarded
 from swarm_ctl.trust.handshake import Certificate, presented
-from swarm_ctl.trust.names import Member, Role, member_of
+from swarm_ctl.trust.names import KeyHolder, Role, member_of
 from swarm_ctl.trust.roster import Roster, read_roster
 
 KEY: Final = "mesh.key"
@@ -29,7 +29,7 @@ class Identity:
     """A member of a swarm, and the files that prove it. zenoh reads the PEM files itself."""
 
     folder: Path
-    member: Member
+    member: KeyHolder
     certificate: Certificate
     roster: Roster
     mavlink_key: bytes | None = field(repr=False)
@@ -101,7 +101,7 @@ def load_identity(folder: Path) -> Identity:
     return load_member(folder, member_of(folder.resolve().name))
 
 
-def load_member(folder: Path, member: Member) -> Identity:
+def load_member(folder: Path, member: KeyHolder) -> Identity:
     """As `load_identity`, from a folder of any name."""
     guard(folder)
     for name in (KEY, CERTIFICATE, CA):
@@ -120,7 +120,7 @@ def identity_folder(trust: Path, role: Role, name: str | None = None) -> Path:
     """
     found = sorted(path.name for path in trust.glob(f"{role}-*") if path.is_dir())
     if name is not None:
-        found = [each for each in found if each == Member(role, name).folder]
+        found = [each for each in found if each == KeyHolder(role, name).folder]
     if len(found) == 1:
         return trust / found[0]
     what = f"{role} {name}" if name else str(role)
@@ -135,7 +135,9 @@ def certificates_end(identity: Identity) -> datetime:
     return identity.certificate.not_after
 
 
-def _refuse_unnamed(roster: Roster, certificate: Certificate, member: Member, folder: Path) -> None:
+def _refuse_unnamed(
+    roster: Roster, certificate: Certificate, member: KeyHolder, folder: Path
+) -> None:
     entry = roster.entry(certificate.common_name)
     wanted = member.common_name(roster.swarm, roster.epoch)
     again = "copy its bundle to this host again, and `swarm-ctl trust install` it"

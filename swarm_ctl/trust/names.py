@@ -31,7 +31,7 @@ class Role(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Member:
+class KeyHolder:
     """One owner of a certificate: a role, and a name in it (an agent's is its id)."""
 
     role: Role
@@ -59,14 +59,14 @@ class Member:
         return f"{self.folder}.{swarm}.e{epoch}"
 
 
-def member_of(folder: str) -> Member:
+def member_of(folder: str) -> KeyHolder:
     """The member of a folder's name such as `agent-3`; TrustError where it names none."""
     role, _, name = folder.partition("-")
     if role not in tuple(Role):
         raise TrustError(
             f"{folder!r} names no identity; allowed: agent-3, operator-anna, viewer-tv, router-1"
         )
-    return Member(Role(role), name)
+    return KeyHolder(Role(role), name)
 
 
 def checked_swarm(name: str) -> str:

@@ -27,7 +27,7 @@ from swarm_ctl.trust.files import (
     write_private,
 )
 from swarm_ctl.trust.identity import CA_FOLDER, CA_KEY
-from swarm_ctl.trust.names import LOOPBACK, Member, Role, checked_host, checked_swarm, member_of
+from swarm_ctl.trust.names import LOOPBACK, KeyHolder, Role, checked_host, checked_swarm, member_of
 from swarm_ctl.trust.roster import ROSTER, SEAL, Entry, Roster, read_roster
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class Terms:
 
     now: datetime
     days: int = DAYS
-    requests: Mapping[Member, PublicKey] = field(default_factory=dict)
+    requests: Mapping[KeyHolder, PublicKey] = field(default_factory=dict)
     """The members whose private key stays on their own host."""
 
 
@@ -66,11 +66,13 @@ def new(
     Raises:
         TrustError: the folder is there, or a name or an address can't be used.
     """
-    members = {Member(Role.AGENT, str(agent)): checked_host(host) for agent, host in agents.items()}
+    members = {
+        KeyHolder(Role.AGENT, str(agent)): checked_host(host) for agent, host in agents.items()
+    }
     numbered = enumerate(routers, 1)
-    members |= {Member(Role.ROUTER, str(k)): checked_host(host) for k, host in numbered}
-    members |= {Member(Role.OPERATOR, name): LOOPBACK for name in operators}
-    members |= {Member(Role.VIEWER, name): "" for name in viewers}
+    members |= {KeyHolder(Role.ROUTER, str(k)): checked_host(host) for k, host in numbered}
+    members |= {KeyHolder(Role.OPERATOR, name): LOOPBACK for name in operators}
+    members |= {KeyHolder(Role.VIEWER, name): "" for name in viewers}
     unused = set(terms.requests) - set(members)
     if unused:
         asked, known = (", ".join(map(str, each)) for each in (unused, members))
@@ -90,7 +92,7 @@ def new(
         _publish(made, authority, Roster(swarm, 1, tuple(entries)), terms.now)
 
 
-def add(folder: Path, member: Member, host: str, terms: Terms) -> None:
+def add(folder: Path, member: KeyHolder, host: str, terms: Terms) -> None:
     """One more member, in the present epoch. `host`: its address on the mesh, of one that
     listens."""
     host = checked_host(host) if host else ""
@@ -106,7 +108,7 @@ def add(folder: Path, member: Member, host: str, terms: Terms) -> None:
         _publish(made, authority, grown, terms.now)
 
 
-def revoke(folder: Path, member: Member, terms: Terms) -> None:
+def revoke(folder: Path, member: KeyHolder, terms: Terms) -> None:
     """A new epoch without this member."""
     with changed_folder(folder) as made:
         authority, roster = opened(made)
@@ -120,7 +122,7 @@ def revoke(folder: Path, member: Member, terms: Terms) -> None:
         (made / f"{member.folder}.bundle").unlink(missing_ok=True)
 
 
-def rotate(folder: Path, terms: Terms, hosts: Mapping[Member, str] | None = None) -> None:
+def rotate(folder: Path, terms: Terms, hosts: Mapping[KeyHolder, str] | None = None) -> None:
     """A new epoch: new certificates for all, for new addresses (`hosts`) where given. A
     private key that is here is made anew, one on its own host stays; MAVLink keys stay, they are in
     the vehicles."""
@@ -134,7 +136,7 @@ def rotate(folder: Path, terms: Terms, hosts: Mapping[Member, str] | None = None
         _next_epoch(made, authority, dataclasses.replace(roster, entries=entries), terms)
 
 
-def request_of(path: Path) -> tuple[Member, PublicKey]:
+def request_of(path: Path) -> tuple[KeyHolder, PublicKey]:
     """The member that asks for a certificate by a request (CSR), and its public key."""
     from swarm_ctl.trust.certificates import requested
 
@@ -142,7 +144,7 @@ def request_of(path: Path) -> tuple[Member, PublicKey]:
     return member_of(name.split(".", 1)[0]), key
 
 
-def request(folder: Path, member: Member) -> bytes:
+def request(folder: Path, member: KeyHolder) -> bytes:
     """On a member's own host: a private key in a new folder of the trust folder, and the request
     (CSR) that asks the CA for its certificate."""
     from swarm_ctl.trust.certificates import key_pem, new_key, request
@@ -165,7 +167,7 @@ def opened(folder: Path) -> tuple[Authority, Roster]:
 
 
 def _next_epoch(
-    made: Path, authority: Authority, roster: Roster, terms: Terms, gone: Member | None = None
+    made: Path, authority: Authority, roster: Roster, terms: Terms, gone: KeyHolder | None = None
 ) -> None:
     epoch = (roster.swarm, roster.epoch + 1)
     revoked = [each for each in roster.entries if each.revoked or each.member == gone]
@@ -181,7 +183,11 @@ def _next_epoch(
 
 
 def _certify(
-    made: Path, authority: Authority, epoch: tuple[str, int], whom: tuple[Member, str], terms: Terms
+    made: Path,
+    authority: Authority,
+    epoch: tuple[str, int],
+    whom: tuple[KeyHolder, str],
+    terms: Terms,
 ) -> Entry:
     """Key (where it is made here), certificate, CA and MAVLink key of a member, in its folder."""
     member, host = whom
@@ -199,7 +205,7 @@ def _certify(
     return Entry(*name, issued.serial, issued.not_after, epoch[1], host)
 
 
-def _public_key(folder: Path, member: Member, terms: Terms) -> PublicKey:
+def _public_key(folder: Path, member: KeyHolder, terms: Terms) -> PublicKey:
     from swarm_ctl.trust.certificates import key_pem, new_key, public_key
 
     certificate = folder / identity.CERTIFICATE

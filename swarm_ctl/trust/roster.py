@@ -18,7 +18,7 @@ from typing import Any, Final
 from swarm_ctl.errors import TrustError
 from swarm_ctl.trust.files import read_guarded
 from swarm_ctl.trust.handshake import presented
-from swarm_ctl.trust.names import Member, Role, checked_swarm
+from swarm_ctl.trust.names import KeyHolder, Role, checked_swarm
 
 ROSTER: Final = "roster.json"
 SEAL: Final = "roster.pem"
@@ -42,9 +42,9 @@ class Entry:
     revoked: bool = False
 
     @property
-    def member(self) -> Member:
+    def member(self) -> KeyHolder:
         """Its owner."""
-        return Member(self.role, self.name)
+        return KeyHolder(self.role, self.name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class Roster:
         """The entry of a common name."""
         return next((each for each in self.entries if each.common_name == common_name), None)
 
-    def of(self, member: Member) -> Entry | None:
+    def of(self, member: KeyHolder) -> Entry | None:
         """The present entry of a member."""
         return next((each for each in self.current if each.member == member), None)
 
@@ -123,7 +123,7 @@ def _roster(document: Mapping[str, Any]) -> Roster:
 
 
 def _entry(fields: Mapping[str, Any]) -> Entry:
-    member = Member(Role(fields["role"]), str(fields["name"]))
+    member = KeyHolder(Role(fields["role"]), str(fields["name"]))
     ends = datetime.fromisoformat(fields["not_after"])
     identity = (str(fields["common_name"]), member.role, member.name, str(fields["serial"]), ends)
     return Entry(*identity, int(fields["epoch"]), str(fields["host"]), bool(fields["revoked"]))

@@ -8,7 +8,14 @@ from swarm_ctl.core.model.plan import Plan, Policy
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh.impaired import Impairment
 from swarm_ctl.runtime.script import AgentScript, Deed, Due, RunScript, StationScript, Untruth
-from swarm_ctl.virtual.scenario import STATION, Happening, Part, Says, Scenario, scenario_text
+from swarm_ctl.virtual.scenario import (
+    STATION,
+    Happening,
+    Says,
+    Scenario,
+    ScenarioPart,
+    scenario_text,
+)
 
 
 def run_script(scenario: Scenario, plan: Plan) -> RunScript:
@@ -118,7 +125,7 @@ def own_clocks(scenario: Scenario) -> dict[int, tuple[float, float]]:
     return dict.fromkeys(sorted(jumped), (0.0, 0.0)) | named
 
 
-def cut(part: Part) -> Iterator[tuple[int | str, int | str]]:
+def cut(part: ScenarioPart) -> Iterator[tuple[int | str, int | str]]:
     """(hearer, speaker) of all that do not hear."""
     for one in part.one:
         for other in part.other:

@@ -57,7 +57,7 @@ class OwnClocks(Section):
     """Seconds that it gains in a second."""
 
 
-class Part(Section):
+class ScenarioPart(Section):
     """A mesh that falls into two: those of `one` and those of `other` do not hear each other."""
 
     one: Hearers
@@ -120,7 +120,7 @@ class Happening(Section):
     station: Literal["gone"] | None = None
     """The ground station is killed; with `for_s`, another one comes then. Where agents hold without
     one, another comes in the end."""
-    part: Part | None = None
+    part: ScenarioPart | None = None
     """The mesh falls into two."""
     pilot: Taken | None = None
     """A pilot changes vehicles' modes."""

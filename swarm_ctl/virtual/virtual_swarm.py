@@ -30,7 +30,7 @@ from swarm_ctl.core.model.plan import GroupPlan, Plan
 from swarm_ctl.core.swarm.hearing import FOLLOW_TICKS
 from swarm_ctl.mavlink.autopilots.timing import streams_hz
 from swarm_ctl.mavlink.link import VehicleLink
-from swarm_ctl.mavlink.signing import UNITS_S, Signing
+from swarm_ctl.mavlink.signing import UNITS_S, LinkSigning
 from swarm_ctl.mavlink.wires import MemoryWire, memory_wires
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
@@ -44,7 +44,7 @@ from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory
 from swarm_ctl.virtual.account import Account
 from swarm_sim.config import SimConfig, VehicleConfig
 from swarm_sim.network.hub import Hub
-from swarm_sim.network.signing import Signing as VehicleSigning
+from swarm_sim.network.signing import VehicleSigning as VehicleSigning
 from swarm_sim.world.world import STEP_S
 
 _PORT = 1000
@@ -52,7 +52,7 @@ _AGENT = ("agent", 1)
 
 
 @dataclass
-class Member:
+class VirtualAgent:
     """One agent with its links."""
 
     agent: Agent
@@ -126,7 +126,7 @@ class VirtualSwarm:
         self.acks: list[Any] = []
         self._numbers: dict[str, int] = {}
         self._far: list[MemoryWire] = []
-        self.members: dict[int, Member] = {}
+        self.members: dict[int, VirtualAgent] = {}
         self.simulator_alive = True
         self.hub = Hub(configuration(mission, seed), 0.0, self._transmit, self._vehicle_signing)
         self._mission = mission
@@ -163,11 +163,11 @@ class VirtualSwarm:
             same_clock=() if agent_id in self._clocks else ids - self._clocks.keys(),
             group=self._groups.get(agent_id),
         )
-        self.members[agent_id] = Member(agent, link, node, remembering, clock=clock)
+        self.members[agent_id] = VirtualAgent(agent, link, node, remembering, clock=clock)
         return far
 
-    def _link_signing(self, sysid: int) -> Signing | None:
-        return None if self._signed_from is None else Signing(key_of(sysid), self._stamp())
+    def _link_signing(self, sysid: int) -> LinkSigning | None:
+        return None if self._signed_from is None else LinkSigning(key_of(sysid), self._stamp())
 
     def _vehicle_signing(self, vehicle: VehicleConfig) -> VehicleSigning:
         key = None if self._signed_from is None else key_of(vehicle.sysid)
@@ -224,7 +224,7 @@ class VirtualSwarm:
         if world.flying:
             np.minimum(self._closest_m2, world.pairs.square, out=self._closest_m2)
 
-    def _step(self, member: Member) -> None:
+    def _step(self, member: VirtualAgent) -> None:
         now = member.clock(self.now)
         member.link.receive(now)
         take = member.node.take
@@ -249,7 +249,7 @@ class VirtualSwarm:
             actions.state = member.tampered(actions.state)
         self._publish(member, actions)
 
-    def _publish(self, member: Member, actions: Actions) -> None:
+    def _publish(self, member: VirtualAgent, actions: Actions) -> None:
         publish(member.node, actions)
         self._follow(member, actions.follow)
         name = type(actions.goal).__name__
@@ -264,7 +264,7 @@ class VirtualSwarm:
             if self.account is not None and member.status is not None and not member.successor:
                 self.account.ended(member.status.agent, member.status)
 
-    def _follow(self, member: Member, near: frozenset[int] | None) -> None:
+    def _follow(self, member: VirtualAgent, near: frozenset[int] | None) -> None:
         """In lockstep, a peer is heard so many ticks after the decision."""
         if near is not None:
             member.near = near

@@ -33,9 +33,9 @@ from swarm_ctl.runtime.vehicles.order import (
     ORDERS_JSON,
     STARTED,
     STARTED_JSON,
-    Order,
     Orders,
     Started,
+    VehicleOrder,
 )
 from tests.system.running import ROOT, Running
 
@@ -134,7 +134,7 @@ def standing(
     needed(" ".join(kinds))
     places = [geodetic_from_ned((0.0, 10.0 * k, 0.0), origin) for k in range(len(kinds))]
     orders = tuple(
-        Order(k + 1, sysids[k], kind, find(kind), place)
+        VehicleOrder(k + 1, sysids[k], kind, find(kind), place)
         for k, (kind, place) in enumerate(zip(kinds, places, strict=True))
     )
     folder.mkdir(parents=True, exist_ok=True)

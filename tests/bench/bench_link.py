@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import common
 
 from swarm_ctl.core.model.vehicle import FlyGoal, StandbyGoal
 from swarm_ctl.mavlink.link import VehicleLink
-from swarm_ctl.mavlink.signing import Signing
+from swarm_ctl.mavlink.signing import LinkSigning
 from swarm_ctl.mavlink.wires import memory_wires
 from tests.unit.mavlink import wire
 
@@ -50,7 +50,7 @@ def measure(*, is_signed: bool) -> None:
     if is_signed:
         own = vehicle.codec.signing
         own.secret_key, own.sign_outgoing, own.timestamp = KEY, True, START
-    link = VehicleLink(ours, "ardupilot", 1, signing=Signing(KEY, START) if is_signed else None)
+    link = VehicleLink(ours, "ardupilot", 1, signing=LinkSigning(KEY, START) if is_signed else None)
     parts: dict[str, list[float]] = {"receive": [], "view": [], "pursue": [], "all": []}
     vehicle.say(wire.heartbeat(custom_mode=4, armed=True))
     link.receive(0.0)

@@ -26,7 +26,7 @@ from rich.table import Table
 
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.runtime.collector import collect_rarely
-from swarm_ctl.virtual.virtual_swarm import Member, VirtualSwarm
+from swarm_ctl.virtual.virtual_swarm import VirtualAgent, VirtualSwarm
 from tests.bench.bench_run import ROOT
 
 PARTS = {
@@ -72,7 +72,7 @@ def _fly(mission: Path, begins_s: float, ends_s: float, megabytes: float) -> dic
     return found | {"all": statistics.median(sum(cost.values()) for cost in costs)}
 
 
-def _watch(member: Member, touched: Any) -> list[dict[str, float]]:
+def _watch(member: VirtualAgent, touched: Any) -> list[dict[str, float]]:
     """Measure this agent's ticks from now on: the CPU of each by part [us]."""
     ticks: list[dict[str, float]] = []
 

@@ -23,9 +23,9 @@ from swarm_ctl.runtime.vehicles.order import (
     ORDERS_JSON,
     STARTED,
     STARTED_JSON,
-    Order,
     Orders,
     Started,
+    VehicleOrder,
 )
 
 FAKE = Path(__file__).with_name("fake_autopilot.py")
@@ -46,7 +46,7 @@ class Running:
         place = Geodetic(47.0, 8.0, 488.0)
         programs = {VehicleKind.ARDUCOPTER: copter or binary, VehicleKind.PX4: folder / "theirs"}
         orders = tuple(
-            Order(k, 10 + k, kind, programs[kind], place) for k, kind in enumerate(KINDS)
+            VehicleOrder(k, 10 + k, kind, programs[kind], place) for k, kind in enumerate(KINDS)
         )
         (folder / ORDERS).write_bytes(ORDERS_JSON.dump_json(Orders(2.0, orders)))
         module = "swarm_ctl.runtime.vehicles.vehicles_process"

@@ -15,7 +15,7 @@ from swarm_ctl.mavlink.framer import Framer
 from swarm_ctl.mavlink.wires import memory_wires
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.runtime.radio.load import RadioLoad
-from swarm_ctl.runtime.radio.switch import Place, Switch
+from swarm_ctl.runtime.radio.switch import RadioRoute, Switch
 from swarm_sim.world.world import STEP_S
 from tests.scenarios.swarm import VirtualSwarm
 
@@ -77,7 +77,7 @@ class RadioSwarm(VirtualSwarm):
         self.channel = self._channel = Channel(share.bytes_per_s, len(entries) + 1)
         ground, self._ground = memory_wires()
         places = [
-            Place(entry, far, budget(share, entry.autopilot, signed=signed).hz)
+            RadioRoute(entry, far, budget(share, entry.autopilot, signed=signed).hz)
             for entry, far in zip(entries, self._far, strict=True)
         ]
         self.switch = Switch(ground, places, share.endpoint, share.bytes_per_s)

@@ -15,10 +15,10 @@ from unittest.mock import patch
 
 from swarm_ctl.core.model import messages, plan
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
-from swarm_ctl.virtual.virtual_swarm import Member, VirtualSwarm
+from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from swarm_sim.firmware import autopilot
 
-__all__ = ["Member", "VirtualSwarm", "at_step", "flown_once", "landing_fast", "low_hexagon"]
+__all__ = ["VirtualSwarm", "at_step", "flown_once", "landing_fast", "low_hexagon"]
 
 HEXAGON = Path(__file__).parents[2] / "missions" / "hexagon.yaml"
 

@@ -14,7 +14,7 @@ from swarm_ctl.mavlink.wires import memory_wires
 from swarm_ctl.mission.compile.loader import loads
 from swarm_ctl.runtime.gcs.config import GcsAddress, RelayVehicle
 from swarm_ctl.runtime.gcs.gcs_socket import GcsSocket
-from swarm_ctl.runtime.gcs.relay import Relay
+from swarm_ctl.runtime.gcs.relay import GcsRelay
 from swarm_ctl.runtime.gcs.vehicle_port import VehiclePort
 from swarm_ctl.runtime.launch.ports import free_ports
 from tests.scenarios.swarm import VirtualSwarm
@@ -58,7 +58,7 @@ class Joined(VirtualSwarm):
         address = GcsAddress("127.0.0.1", self._gcs.getsockname()[1], self._own_port)
         self._socket = GcsSocket(address, 0.0)
         port = VehiclePort(RelayVehicle(1, 1, 250, "udpout:virtual"), here)
-        self.relay = Relay([port], [self._socket])
+        self.relay = GcsRelay([port], [self._socket])
 
     def _transmit(self, link: int, data: bytes, to: Any) -> None:
         if to == "relay":

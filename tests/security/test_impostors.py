@@ -73,7 +73,7 @@ def trust(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """`field`, in its second epoch; `old` of its first; `other` of another CA, with the same
     names."""
     from swarm_ctl.trust import provision
-    from swarm_ctl.trust.names import Member, Role
+    from swarm_ctl.trust.names import KeyHolder, Role
 
     folder, now = tmp_path_factory.mktemp("trust"), datetime.now(UTC)
     terms = provision.Terms(now)
@@ -83,7 +83,7 @@ def trust(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copytree(folder / "field", folder / "old")
     provision.rotate(folder / "field", terms)
     past = provision.Terms(now - timedelta(days=40))
-    provision.add(folder / "field", Member(Role.OPERATOR, "late"), "", past)
+    provision.add(folder / "field", KeyHolder(Role.OPERATOR, "late"), "", past)
     return folder
 
 

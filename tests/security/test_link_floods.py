@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.core.model.vehicle import FlyGoal
 from swarm_ctl.mavlink.link import MAX_TRIED, VehicleLink
-from swarm_ctl.mavlink.signing import Signing
+from swarm_ctl.mavlink.signing import LinkSigning
 from swarm_ctl.mavlink.wires import MemoryWire, memory_wires
 from swarm_sim.network.codec import Codec
 from tests.unit.mavlink import wire
@@ -48,7 +48,7 @@ FRAMES: Final = 10_000_000
 @pytest.mark.parametrize("flood", FLOODS)
 def test_a_flood_leaves_an_agent_its_tick(flood: str, is_signed: bool) -> None:
     near, far = memory_wires(limit=600)
-    signing = Signing(KEY, START) if is_signed else None
+    signing = LinkSigning(KEY, START) if is_signed else None
     link = VehicleLink(near, "ardupilot", 7, signing=signing)
     for tick in range(2):
         before = sum(framer.tried for framer in link._framers)
@@ -109,7 +109,7 @@ def test_a_flood_leaves_the_simulator_its_step(flood: str) -> None:
 @pytest.mark.parametrize("persona", ["ardupilot", "px4"])
 def test_ten_million_hostile_frames_cost_no_honest_one_and_no_memory(persona: str) -> None:
     near, far = memory_wires(limit=8)
-    link = VehicleLink(near, persona, 7, signing=Signing(KEY, START))
+    link = VehicleLink(near, persona, 7, signing=LinkSigning(KEY, START))
     own = dialect.MAVLink(None, 7, 1)
     own.signing.secret_key, own.signing.sign_outgoing = KEY, True
     own.signing.timestamp = START

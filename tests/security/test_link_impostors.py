@@ -21,7 +21,7 @@ from swarm_ctl.core.model.vehicle import StandbyGoal
 from swarm_ctl.mavlink.framer import Framer, MavlinkFrame
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.outgoing import ARM_DISARM, FORCE, command
-from swarm_ctl.mavlink.signing import UNITS_S, Refusal, Signing
+from swarm_ctl.mavlink.signing import UNITS_S, LinkSigning, SigningRefusal
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm, key_of
@@ -71,22 +71,30 @@ class Forgery:
     """How a frame is forged, and by which reason a signed agent refuses it."""
 
     name: str
-    why: Refusal
+    why: SigningRefusal
     make: Callable[[Any, tuple[int, int], int], bytes]
     """Of a message, a sender (system, component), and the stamp of now."""
 
 
 OTHER_KEY: Final = bytes(range(32))
 FORGERIES: Final = (
-    Forgery("unsigned", Refusal.UNSIGNED, lambda m, s, _: m.pack(codec(s))),
-    Forgery("MAVLink 1", Refusal.MAVLINK_1, lambda m, s, _: m.pack(codec(s), force_mavlink1=True)),
-    Forgery("wrong key", Refusal.WRONG_KEY, lambda m, s, now: m.pack(codec(s, OTHER_KEY, now + 1))),
+    Forgery("unsigned", SigningRefusal.UNSIGNED, lambda m, s, _: m.pack(codec(s))),
     Forgery(
-        "the last stamp", Refusal.WRONG_KEY, lambda m, s, _: m.pack(codec(s, OTHER_KEY, 2**48 - 1))
+        "MAVLink 1", SigningRefusal.MAVLINK_1, lambda m, s, _: m.pack(codec(s), force_mavlink1=True)
+    ),
+    Forgery(
+        "wrong key",
+        SigningRefusal.WRONG_KEY,
+        lambda m, s, now: m.pack(codec(s, OTHER_KEY, now + 1)),
+    ),
+    Forgery(
+        "the last stamp",
+        SigningRefusal.WRONG_KEY,
+        lambda m, s, _: m.pack(codec(s, OTHER_KEY, 2**48 - 1)),
     ),
     Forgery(
         "another vehicle's key",
-        Refusal.WRONG_KEY,
+        SigningRefusal.WRONG_KEY,
         lambda m, s, now: m.pack(codec(s, key_of(SYSID + 1), now + 1)),
     ),
 )
@@ -163,7 +171,7 @@ def holding(*, signed: bool, start: int = START) -> Flight:
     return flight
 
 
-def assert_unharmed(flight: Flight, why: Refusal | None = None) -> None:
+def assert_unharmed(flight: Flight, why: SigningRefusal | None = None) -> None:
     assert flight.members[1].alive
     assert len(flight.path) == len(unharmed())
     assert flight.off_m() < 0.05
@@ -261,7 +269,7 @@ def test_replayed_positions() -> None:
 
         flight.hold(attack)
         if is_signed:
-            assert_unharmed(flight, Refusal.REPLAYED)
+            assert_unharmed(flight, SigningRefusal.REPLAYED)
         else:
             assert flight.off_m() > 1.0
 
@@ -311,7 +319,7 @@ def test_a_stranger_on_the_agent_s_port_gets_setpoints_of_a_silent_vehicle_on_an
     """While the vehicle is heard, it stays the partner; without signatures nothing tells the
     stranger from a vehicle that has moved to another address."""
     (port,) = free_ports(1, socket.SOCK_DGRAM)
-    signing = Signing(key_of(SYSID), START) if is_signed else None
+    signing = LinkSigning(key_of(SYSID), START) if is_signed else None
     vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     link = VehicleLink(f"udpin:127.0.0.1:{port}", "ardupilot", SYSID, signing=signing)

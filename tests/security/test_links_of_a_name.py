@@ -15,7 +15,7 @@ from swarm_ctl.mesh import zenoh_config
 from swarm_ctl.mesh.access import access_settings
 from swarm_ctl.mesh.keys import COMMAND
 from swarm_ctl.mesh.links import OF_A_NAME
-from swarm_ctl.mesh.zenoh_config import Part
+from swarm_ctl.mesh.zenoh_config import MeshPart
 from swarm_ctl.mesh.zenoh_transport import Router, ZenohTransport
 from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.trust import provision
@@ -44,7 +44,7 @@ def test_a_viewer_takes_few_links_and_a_new_operator_is_heard(
     with ExitStack() as opened:
 
         def peer(member: str, listen: list[str], connect: list[str]) -> ZenohTransport:
-            kind = Part.CLIENT if part == "router" else Part.PEER
+            kind = MeshPart.CLIENT if part == "router" else MeshPart.PEER
             made = ZenohTransport(listen, connect, time.monotonic, access=keys(member), part=kind)
             return opened.enter_context(closing(made))
 

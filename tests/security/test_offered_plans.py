@@ -11,15 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.core.model.fleet import Signing
+from swarm_ctl.core.model.fleet import SigningPolicy
 from swarm_ctl.mesh.access import access_settings
 from swarm_ctl.mesh.keys import plan_key
-from swarm_ctl.mesh.zenoh_config import Part
+from swarm_ctl.mesh.zenoh_config import MeshPart
 from swarm_ctl.mesh.zenoh_transport import Router, ZenohTransport
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.mission.compile.offers import PlanName, pack
 from swarm_ctl.mission.compile.plan_file import named_by_hash
-from swarm_ctl.runtime.fetched_plan import Place, fetched_plan, kept_plan
+from swarm_ctl.runtime.fetched_plan import AgentPost, fetched_plan, kept_plan
 from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.trust import provision
 from swarm_ctl.trust.identity import load_identity
@@ -44,8 +44,8 @@ def test_an_operator_alone_offers_a_plan(field: Path, tmp_path: Path, *, routed:
     """Agent 7 and a viewer, whose own zenoh lets everything through, offer a forged plan under the
     operator's key. By name alone, which takes no two plans, agent 1 gets the operator's."""
     at = f"tcp/127.0.0.1:{free_ports(1, socket.SOCK_STREAM)[0]}"
-    part = Part.CLIENT if routed else Part.PEER
-    place = Place((), (), at) if routed else Place((at,), ())
+    part = MeshPart.CLIENT if routed else MeshPart.PEER
+    place = AgentPost((), (), at) if routed else AgentPost((at,), ())
     with ExitStack() as opened:
         if routed:
             keys = access_settings(load_identity(field / "router-1"), SWARM)
@@ -58,7 +58,7 @@ def test_an_operator_alone_offers_a_plan(field: Path, tmp_path: Path, *, routed:
             mesh = ZenohTransport([], [at], time.monotonic, access=access, part=part)
             opened.enter_context(closing(mesh))
             plan = FORGED if forger else MISSION.plan
-            offer = pack(plan, MISSION.fleet.agents, Signing.OFF)
+            offer = pack(plan, MISSION.fleet.agents, SigningPolicy.OFF)
             mesh.serve(plan_key(SWARM, f"anna.{number}-a"), offer)
         identity = load_identity(field / "agent-1")
         found = fetched_plan(PlanName(SWARM), tmp_path, place, identity, 20.0)
@@ -72,11 +72,11 @@ def test_on_an_open_mesh_the_hash_decides(tmp_path: Path) -> None:
     kept and changed since is not flown, either."""
     at = f"tcp/127.0.0.1:{free_ports(1, socket.SOCK_STREAM)[0]}"
     name = named_by_hash(MISSION.plan, MISSION.fleet)
-    named, place = PlanName(*name.split("@")), Place((at,), ())
+    named, place = PlanName(*name.split("@")), AgentPost((at,), ())
     with ExitStack() as opened:
         for name, plan in (("mallory", FORGED), ("anna", MISSION.plan)):
             mesh = opened.enter_context(closing(ZenohTransport([], [at], time.monotonic)))
-            mesh.serve(plan_key(SWARM, name), pack(plan, MISSION.fleet.agents, Signing.OFF))
+            mesh.serve(plan_key(SWARM, name), pack(plan, MISSION.fleet.agents, SigningPolicy.OFF))
         assert fetched_plan(named, tmp_path, place, None, 20.0).plan == MISSION.plan
     [file] = tmp_path.iterdir()
     file.write_text(file.read_text().replace('"speed_mps"', '"speed_mps_"'))

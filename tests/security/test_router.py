@@ -19,7 +19,7 @@ import zenoh
 from swarm_ctl.errors import TrustError
 from swarm_ctl.mesh.access import access_settings, as_tls
 from swarm_ctl.mesh.keys import CHANNELS, COMMAND, STATE, alive_key
-from swarm_ctl.mesh.zenoh_config import Part, configuration
+from swarm_ctl.mesh.zenoh_config import MeshPart, configuration
 from swarm_ctl.mesh.zenoh_transport import Router, ZenohTransport
 from swarm_ctl.runtime.launch.forked import HostRouter
 from swarm_ctl.runtime.launch.ports import free_ports
@@ -66,7 +66,7 @@ def opened() -> Iterator[ExitStack]:
 
 
 def client(opened: ExitStack, at: str, access: Any) -> ZenohTransport:
-    one = ZenohTransport([], [at], time.monotonic, access=access, part=Part.CLIENT)
+    one = ZenohTransport([], [at], time.monotonic, access=access, part=MeshPart.CLIENT)
     return opened.enter_context(closing(one))
 
 
@@ -210,7 +210,7 @@ def test_a_token_is_its_owners(trust: Path, at: str, opened: ExitStack, *, route
     """A member says that it is there itself alone: agent 7's token under agent 3's key reaches no
     member, whichever way the swarm is linked. A viewer sees the others'."""
     field, listen = trust / "field", [] if routed else [at]
-    seven, part = settings(field / "agent-7", careless=True), Part.CLIENT
+    seven, part = settings(field / "agent-7", careless=True), MeshPart.CLIENT
     if routed:
         keys = settings(field / "router-1")
         key = alive_key(SWARM, "router", "1")
@@ -218,7 +218,7 @@ def test_a_token_is_its_owners(trust: Path, at: str, opened: ExitStack, *, route
     for owner, claimed, access in (("1", "1", settings(field / "agent-1")), ("7", "3", seven)):
         connect = [] if listen and owner == "1" else [at]
         ways = (listen if owner == "1" else [], connect, time.monotonic)
-        here = Part.CLIENT if routed else Part.PEER
+        here = MeshPart.CLIENT if routed else MeshPart.PEER
         alive = alive_key(SWARM, "agent", claimed)
         one = ZenohTransport(*ways, access=access, part=here, alive=alive)
         opened.enter_context(closing(one))

@@ -15,7 +15,7 @@ import pytest
 
 from swarm_ctl.mesh.keys import NEWEST
 from swarm_ctl.mesh.transport import Inlet
-from swarm_ctl.mesh.zenoh_config import Part
+from swarm_ctl.mesh.zenoh_config import MeshPart
 from swarm_ctl.mesh.zenoh_transport import Router, ZenohTransport
 from swarm_ctl.runtime.launch.forked import HostRouter
 from swarm_ctl.runtime.launch.ports import free_ports
@@ -33,7 +33,7 @@ def endpoint() -> str:
 
 
 def client(at: str) -> ZenohTransport:
-    return ZenohTransport([], [at], time.monotonic, part=Part.CLIENT)
+    return ZenohTransport([], [at], time.monotonic, part=MeshPart.CLIENT)
 
 
 def hears(inlet: Inlet, other: ZenohTransport, meanwhile: Callable[[], object] = bool) -> bool:

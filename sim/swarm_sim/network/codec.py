@@ -18,7 +18,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from swarm_sim.firmware.message import Message
-from swarm_sim.network.signing import SIGNATURE_BYTES, Signing
+from swarm_sim.network.signing import SIGNATURE_BYTES, VehicleSigning
 
 _V2, _V1 = 0xFD, 0xFE
 _V2_HEADER, _V1_HEADER, _CRC = 10, 6, 2
@@ -164,9 +164,9 @@ _checksum: Callable[[bytes], int] = mavlink.mcrf4xx or _slow_checksum
 class Codec:
     """Frames of one vehicle, in and out. A broken datagram does not harm the next."""
 
-    def __init__(self, sysid: int, signing: Signing | None = None, link: int = 0) -> None:
+    def __init__(self, sysid: int, signing: VehicleSigning | None = None, link: int = 0) -> None:
         self._sysid = sysid
-        self._signing = signing or Signing(None, int)
+        self._signing = signing or VehicleSigning(None, int)
         self._link = link
         self._sequence = 0
         self.frames = 0

@@ -17,7 +17,7 @@ from swarm_sim.firmware.autopilot import Outgoing
 from swarm_sim.firmware.message import Message
 from swarm_sim.network.clients import Clients
 from swarm_sim.network.codec import Codec
-from swarm_sim.network.signing import KEY_BYTES, Signing
+from swarm_sim.network.signing import KEY_BYTES, VehicleSigning
 from swarm_sim.network.sockets import Address
 from swarm_sim.world.faults import Radio
 from swarm_sim.world.truth_recorder import TruthRecorder
@@ -44,7 +44,7 @@ class Hub:
         config: SimConfig,
         now: float,
         send: Send,
-        signing: Callable[[VehicleConfig], Signing] = lambda _: Signing(None, int),
+        signing: Callable[[VehicleConfig], VehicleSigning] = lambda _: VehicleSigning(None, int),
     ) -> None:
         self.world = World(config, now)
         self.recorder: TruthRecorder | None = None

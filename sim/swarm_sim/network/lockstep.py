@@ -32,7 +32,7 @@ class KeeperGoneError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Tick:
+class TickWord:
     """The world up to this tick is to be done."""
 
     number: int
@@ -64,7 +64,7 @@ class Barrier:
         self.tick_s: float = json.loads(data[1:])["tick_s"]
         self._send(bytes([_READY]))
 
-    def wait(self, wall_s: float) -> Tick | None:
+    def wait(self, wall_s: float) -> TickWord | None:
         """The next tick; None: not yet. KeeperGoneError at its end, or when it is silent."""
         data = self._receive(wall_s)
         if not data or data[0] != _TICK:
@@ -72,7 +72,7 @@ class Barrier:
         _, number, _, anew, agents, listed = _TICK_HEAD.unpack_from(data)
         ports = data[_TICK_HEAD.size + listed * _LISTED :]
         self._tick = number
-        return Tick(number, anew, agents, dict(_PORT.iter_unpack(ports)))
+        return TickWord(number, anew, agents, dict(_PORT.iter_unpack(ports)))
 
     def done(self, *, last: bool) -> None:
         """The tick is done; `last`: the simulator ends."""

@@ -19,8 +19,8 @@ from typing import IO, Any, Self
 from swarm_sim.clock import SimClock
 from swarm_sim.config import SimConfig, VehicleConfig
 from swarm_sim.network.hub import Hub
-from swarm_sim.network.lockstep import Barrier, KeeperGoneError, Tick
-from swarm_sim.network.signing import Signing, read_key
+from swarm_sim.network.lockstep import Barrier, KeeperGoneError, TickWord
+from swarm_sim.network.signing import VehicleSigning, read_key
 from swarm_sim.network.sockets import Address, VehicleSocket, open_socket
 from swarm_sim.world.truth_file import TruthFile
 from swarm_sim.world.truth_recorder import TruthRecorder
@@ -169,7 +169,7 @@ class Server:
             return False
         return True
 
-    def _step_up_to(self, tick: Tick, barrier: Barrier) -> bool:
+    def _step_up_to(self, tick: TickWord, barrier: Barrier) -> bool:
         """Hear what belongs to the tick, do the world up to it; whether that was the last tick."""
         self._clock.stand(tick.number * barrier.tick_s)
         self._owed = Counter() if tick.anew else self._owed + Counter(tick.datagrams)
@@ -232,9 +232,9 @@ class Server:
         text = "frames in: %d good, %d bad, %d not for us; datagrams not sent: %d"
         log.info(text, good, bad, ignored, unsent)
 
-    def _signing(self, vehicle: VehicleConfig) -> Signing:
+    def _signing(self, vehicle: VehicleConfig) -> VehicleSigning:
         path = vehicle.signing_key_path
-        return Signing(None if path is None else read_key(path), self._clock.signing_10us)
+        return VehicleSigning(None if path is None else read_key(path), self._clock.signing_10us)
 
     def _transmit(self, link: int, data: bytes, to: Address) -> None:
         opened = self._sockets[link]

@@ -35,7 +35,7 @@ def read_key(path: Path) -> bytes:
     return key
 
 
-class Signing:
+class VehicleSigning:
     """Signs what one vehicle sends, and judges what it receives, on all its links together.
 
     Timestamps count 10 us since 2015 and must rise, per sender and its link, so that a recorded

@@ -23,13 +23,13 @@ from swarm_ctl.cli.shared.options import (
     switch,
     zenoh_settings,
 )
-from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing
+from swarm_ctl.core.model.fleet import Fleet, FleetAgent, SigningPolicy
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import InputError, TrustError
 
 if TYPE_CHECKING:
     from swarm_ctl.mission.compile.offers import PlanName
-    from swarm_ctl.runtime.fetched_plan import Place
+    from swarm_ctl.runtime.fetched_plan import AgentPost
 
 _PEER: Final = (
     "Where another agent listens; repeat it. Of two agents, one has to name the other."
@@ -124,7 +124,7 @@ def agent(
         plan, entries = _fetched(wanted, known, plan_timeout)
     own, connect = _own(plan, entries, agent_id, given)
     keys = agent_identity_folder(entries.trust, agent_id, identity)
-    signing = Signing.REQUIRED if signing_key else entries.signing
+    signing = SigningPolicy.REQUIRED if signing_key else entries.signing
     if not open_mesh:
         exposed = exposures(Fleet((own,), None if keys is None else str(keys), signing), connect)
         refuse_exposed(exposed, str(fleet or file), keys)
@@ -222,13 +222,13 @@ def _fetched(wanted: PlanName, known: _Known, patience_s: float) -> tuple[Plan, 
     return found.plan, Fleet(found.fleet, found.trust, found.signing)
 
 
-def _place(wanted: PlanName, known: _Known) -> Place:
+def _place(wanted: PlanName, known: _Known) -> AgentPost:
     """Where the agent fetches its plan; InputError where it has no place, or others reach it."""
     from swarm_ctl.mission.fleet.exposure import leaves_loopback, refuse_exposed
-    from swarm_ctl.runtime.fetched_plan import Place
+    from swarm_ctl.runtime.fetched_plan import AgentPost
 
     given = known.given
-    place = Place((given.mesh,) if given.mesh else (), tuple(given.peers or ()), given.router)
+    place = AgentPost((given.mesh,) if given.mesh else (), tuple(given.peers or ()), given.router)
     if not place.endpoints:
         raise InputError(
             f"{wanted} is no file, so it is fetched from a station, and this agent has no place on"
@@ -278,10 +278,10 @@ def _own(
         mesh=given.mesh or entry.mesh,
         router=given.router or entry.router,
     )
-    from swarm_ctl.mesh.zenoh_config import Part, part_in
+    from swarm_ctl.mesh.zenoh_config import MeshPart, part_in
 
     routers = (own.router,) if own.router else ()
-    routed = part_in(plan, routers) is Part.CLIENT
+    routed = part_in(plan, routers) is MeshPart.CLIENT
     if routed and (given.mesh or given.peers):
         raise InputError(
             f"--mesh, --peer: agent {agent_id} is a client of its host's router; allowed: --router"

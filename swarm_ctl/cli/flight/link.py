@@ -15,7 +15,7 @@ import typer
 
 from swarm_ctl.cli.flight.agent import plan_and_fleet
 from swarm_ctl.cli.shared.options import FleetFile, option, switch
-from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing
+from swarm_ctl.core.model.fleet import Fleet, FleetAgent, SigningPolicy
 from swarm_ctl.errors import InputError
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def link(
     _, entries = plan_and_fleet(file, fleet)
     agents = _behind(entries, radio)
     refuse_exposed(exposed_links(Fleet(agents, None, entries.signing)), str(fleet or file), "")
-    config = LinkConfig(agents, entries.signing is Signing.REQUIRED, bytes_per_s)
+    config = LinkConfig(agents, entries.signing is SigningPolicy.REQUIRED, bytes_per_s)
 
     class Lifeline(SignalLifeline):
         """A second Ctrl-C does not wait."""

@@ -13,7 +13,7 @@ from rich.table import Table
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.options import OpenMesh, Seed, Speedup, option, switch
-from swarm_ctl.core.model.fleet import Signing
+from swarm_ctl.core.model.fleet import SigningPolicy
 from swarm_ctl.core.model.plan import Geodetic
 from swarm_ctl.errors import InputError
 
@@ -144,7 +144,7 @@ def _from_mission(path: Path, fleet: Path | None) -> dict[str, Any]:
     loaded = load(path, fleet=fleet)
     agents, trust = loaded.fleet.agents, loaded.fleet.trust
     settings = simulator_config(loaded.plan, agents, loaded.file.simulation)
-    if loaded.fleet.signing is Signing.REQUIRED:
+    if loaded.fleet.signing is SigningPolicy.REQUIRED:
         for agent, vehicle in zip(agents, settings["vehicles"], strict=True):
             keys = agent_identity_folder(trust, agent.id)
             vehicle["signing_key_path"] = None if keys is None else str(keys / MAVLINK_KEY)

@@ -24,7 +24,7 @@ from swarm_ctl.cli.shared.options import (
 )
 from swarm_ctl.cli.shared.result import exit_code, show_summary
 from swarm_ctl.errors import InputError
-from swarm_ctl.runtime.served import Ports
+from swarm_ctl.runtime.served import ServedPorts
 
 if TYPE_CHECKING:
     from swarm_ctl.runtime.station.join import SwarmMesh
@@ -127,7 +127,7 @@ def station(
             raise typer.Exit(_judge(swarm, runs, truth, show, ports))
 
 
-def _judge(swarm: SwarmMesh, runs: Path, truth: Path | None, show: Show, ports: Ports) -> int:
+def _judge(swarm: SwarmMesh, runs: Path, truth: Path | None, show: Show, ports: ServedPorts) -> int:
     """Fly the swarm from here; the exit code."""
     from swarm_ctl.runtime.interrupts import Interrupts
     from swarm_ctl.runtime.lifeline import sign_of_life

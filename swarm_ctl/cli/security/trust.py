@@ -27,7 +27,7 @@ from swarm_ctl.cli.shared.trust_folder import (
     trust_folder,
 )
 from swarm_ctl.errors import TrustError
-from swarm_ctl.trust.names import Member, Role, swarm_named_after
+from swarm_ctl.trust.names import KeyHolder, Role, swarm_named_after
 
 _FINE, _ATTENTION = 0, 1
 
@@ -122,7 +122,7 @@ def add(
     from swarm_ctl.trust import provision
 
     require("trust", "trust add")
-    member = Member(role, name)
+    member = KeyHolder(role, name)
     where = trust_folder(folder, fleet)
     given = terms(days, [csr] if csr else None)
     if set(given.requests) - {member}:
@@ -155,7 +155,7 @@ def request(
     from swarm_ctl.trust.files import write_private
 
     require("trust", "trust request")
-    member = Member(role, name)
+    member = KeyHolder(role, name)
     out = Path(f"{member.folder}.csr")
     write_private(out, provision.request(folder, member))
     say(
@@ -248,7 +248,7 @@ def revoke(
 
     require("trust", "trust revoke")
     where = trust_folder(folder, fleet)
-    revoked = Member(role, name)
+    revoked = KeyHolder(role, name)
     provision.revoke(where, revoked, terms(days))
     show_roster(where)
     say(f"{revoked} is revoked: all others ignore it once they have their new bundles", RESTART)

@@ -10,7 +10,7 @@ import typer
 from swarm_ctl.cli.shared.options import endpoint_option, option, switch
 from swarm_ctl.cli.shared.trust_folder import fleet_of, say, trust_folder
 from swarm_ctl.errors import InputError
-from swarm_ctl.trust.names import Member, Role
+from swarm_ctl.trust.names import KeyHolder, Role
 
 if TYPE_CHECKING:
     from swarm_ctl.mavlink.key_setup import KeyReport
@@ -61,7 +61,7 @@ def vehicle(
     if not over_network:
         refuse_network(where)
     number = sysid or (entry.sysid if entry else agent)
-    keys = trust_folder(folder, fleet) / Member(Role.AGENT, str(agent)).folder
+    keys = trust_folder(folder, fleet) / KeyHolder(Role.AGENT, str(agent)).folder
     report = set_up(where, number, keys, clear=clear)
     _show(report, number, clear=clear)
     raise typer.Exit(1 if report.trouble or (report.px4 and report.takes_unsigned) else 0)

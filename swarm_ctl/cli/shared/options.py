@@ -13,7 +13,7 @@ from swarm_ctl.core.model.fleet import plain_endpoint
 from swarm_ctl.errors import InputError
 from swarm_ctl.files import read_bytes
 from swarm_ctl.mission.ready import named
-from swarm_ctl.runtime.served import Ports
+from swarm_ctl.runtime.served import ServedPorts
 
 
 def option(metavar: str, text: str, *names: str, **more: Any) -> Any:
@@ -110,11 +110,11 @@ def zenoh_settings(file: Path | None, *, guarded: bool) -> dict[str, Any]:
     return read_settings(text, str(file), guarded=guarded)
 
 
-def served(metrics: int | None, foxglove: int | None) -> Ports:
+def served(metrics: int | None, foxglove: int | None) -> ServedPorts:
     """The ports that were given; StartError where the extra of one is not installed."""
     if foxglove is not None:
         require("foxglove", "--foxglove")
-    return Ports(metrics, foxglove)
+    return ServedPorts(metrics, foxglove)
 
 
 def recorded_run(given: Path | None, say: Callable[[str], None]) -> Path:

@@ -12,7 +12,7 @@ from rich.table import Table
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.errors import InputError
-from swarm_ctl.trust.names import LOOPBACK, Member, Role, swarm_named_after
+from swarm_ctl.trust.names import LOOPBACK, KeyHolder, Role, swarm_named_after
 
 if TYPE_CHECKING:
     from swarm_ctl.core.model.fleet import Fleet
@@ -57,7 +57,7 @@ def trust_folder(given: Path | None, fleet: Path | None) -> Path:
     raise InputError(f"which trust folder? {what}; allowed: name it, or trust new to make one")
 
 
-def host_of(member: Member, fleet: Path | None) -> str:
+def host_of(member: KeyHolder, fleet: Path | None) -> str:
     """The address that a member's certificate is for; InputError where the fleet has not got it."""
     if member.role in (Role.OPERATOR, Role.VIEWER):
         return LOOPBACK if member.role is Role.OPERATOR else ""

@@ -1,9 +1,9 @@
 """The agent: `step(now, inbox) -> actions`, and nothing else. No I/O, no clock, no randomness.
 
 One tick hears, obeys, judges, decides, flies and says: `Agent.step` has the order. What a stage
-finds out is a value that the next ones read: `Tick` (what was heard), `Decision` (what is done),
+finds out is a value that the next ones read: `Tick` (what was heard), `Intent` (what is done),
 the vehicle's goal. What lasts from tick to tick has one owner each: `OwnVehicle`, `Group`,
-`Interruption`, `Log` and the controller. Everything that is sent anywhere is in `Actions`.
+`Interruption`, `EventLog` and the controller. Everything that is sent anywhere is in `Actions`.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from typing import Final
 
 from swarm_ctl.core.agent import failsafes
 from swarm_ctl.core.agent.command_handler import AgentSituation, CommandHandler
-from swarm_ctl.core.agent.flight import Interruption, Log, OwnVehicle
+from swarm_ctl.core.agent.flight import EventLog, Interruption, OwnVehicle
 from swarm_ctl.core.agent.group import Group
 from swarm_ctl.core.agent.landing import Landing
 from swarm_ctl.core.agent.preflight import EstimateWatch, Preflight, ResponseWatch
 from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch
 from swarm_ctl.core.agent.status_report import RefusalsSaid, status_report
-from swarm_ctl.core.agent.steering import NO_FIX, Course, Decision, Steering
+from swarm_ctl.core.agent.steering import NO_FIX, Course, Intent, Steering
 from swarm_ctl.core.agent.step_executor import StepExecutor
 from swarm_ctl.core.agent.takeover import Takeover
 from swarm_ctl.core.agent.tick import Attention, HeardStation, Tick
@@ -51,7 +51,7 @@ from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.model.vehicle import Goal, VehicleView
 from swarm_ctl.core.swarm.hearing import Hearing, hears_all
 from swarm_ctl.core.swarm.peers import Peers
-from swarm_ctl.core.swarm.plausibility import Doubt, Finding
+from swarm_ctl.core.swarm.plausibility import Doubt, Suspicion
 
 _STANDS_MPS = 0.5
 STATUS_EVERY_S: Final = 0.5
@@ -145,7 +145,7 @@ class Agent:
         self._hash = plan.hash()
         self._members = None if group.ids == plan.group.ids else frozenset(group.ids)
         # what lasts from tick to tick
-        self._log = log = Log(agent_id)
+        self._log = log = EventLog(agent_id)
         self._vehicle = own = OwnVehicle()
         self._peers = Peers(plan, agent_id, same_clock, group)
         self._group = Group(plan, group, agent_id, self._peers, now, log)
@@ -378,7 +378,7 @@ class Agent:
 
     # --- decide, and go on to the next step ---
 
-    def _decide(self, tick: Tick) -> Decision:
+    def _decide(self, tick: Tick) -> Intent:
         """What is done in this tick: the agent's phase from now on, and its reason."""
         stopped = self._interruption.reason
         decision = self._executor.decide(tick, self._controller.stop_point_m)
@@ -394,7 +394,7 @@ class Agent:
         now, group = tick.now, self._group
         if group.reference.doubted is not None:
             leader, words = group.reference.doubted
-            self._peers.doubt(leader, Finding(Doubt.FRAME, words), now)
+            self._peers.doubt(leader, Suspicion(Doubt.FRAME, words), now)
         if self._interruption.trigger is not None or self._phase is Phase.ENDED:
             return
         self._reason = self._reason or group.waiting(now)

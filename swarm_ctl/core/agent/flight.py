@@ -28,7 +28,7 @@ flight."""
 
 
 @dataclass(slots=True)
-class Log:
+class EventLog:
     """What an agent has to say. Each tick's events go out with it."""
 
     agent: int
@@ -160,7 +160,7 @@ class Interruption:
     """What stops the mission: the failsafe that is carried out, and since when. Without one the
     mission goes on."""
 
-    def __init__(self, vehicle: OwnVehicle, progress: Progress, log: Log) -> None:
+    def __init__(self, vehicle: OwnVehicle, progress: Progress, log: EventLog) -> None:
         self._vehicle, self._progress, self._log = vehicle, progress, log
         self.trigger: FailsafeTrigger | None = None
         self.since_s = math.inf

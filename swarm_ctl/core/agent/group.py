@@ -7,7 +7,7 @@ import math
 from typing import Final
 
 from swarm_ctl.core.agent.failsafes import FailsafeTrigger, gave_up, left_by_order, progress_of
-from swarm_ctl.core.agent.flight import Log
+from swarm_ctl.core.agent.flight import EventLog
 from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.reference import Reference
@@ -42,7 +42,7 @@ class Group:
     """One agent's group. `now` [s, own clock] is when the agent starts."""
 
     def __init__(
-        self, plan: Plan, group: GroupPlan, own_id: int, peers: Peers, now: float, log: Log
+        self, plan: Plan, group: GroupPlan, own_id: int, peers: Peers, now: float, log: EventLog
     ) -> None:
         self._policies, self._unit_m, self._own = plan.policies, plan.unit_m, own_id
         self._log = log

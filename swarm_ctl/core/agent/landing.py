@@ -8,10 +8,10 @@ from dataclasses import replace
 from typing import Final
 
 from swarm_ctl.core.agent.failsafes import FailsafeTrigger, failed
-from swarm_ctl.core.agent.flight import Interruption, Log, OwnVehicle
+from swarm_ctl.core.agent.flight import EventLog, Interruption, OwnVehicle
 from swarm_ctl.core.agent.group import Group
 from swarm_ctl.core.agent.return_to_launch import HOME_TOLERANCE_M, ReturnToLaunch, deserted
-from swarm_ctl.core.agent.steering import Decision, FlyTo, KeepClear
+from swarm_ctl.core.agent.steering import FlyTo, Intent, KeepClear
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.controller import Controller
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
@@ -73,7 +73,7 @@ class Landing:
         vehicle: OwnVehicle,
         group: Group,
         interruption: Interruption,
-        log: Log,
+        log: EventLog,
         controller: Controller,
         way_back: ReturnToLaunch,
     ) -> None:
@@ -98,7 +98,7 @@ class Landing:
         self._lands_since: float | None = None
         """Since when a vehicle that we yielded has been in its landing mode [s]."""
 
-    def carry_out(self, tick: Tick, trigger: FailsafeTrigger, *, left: bool) -> Decision:
+    def carry_out(self, tick: Tick, trigger: FailsafeTrigger, *, left: bool) -> Intent:
         """Do what a failsafe asks for: pause, yield, or hold for a moment and land. `left`: an
         order to some agents alone has ended this agent's part."""
         vehicle, view, now = self._vehicle, tick.view, tick.now
@@ -114,12 +114,12 @@ class Landing:
         if not unsure and (down or tick.vehicle_silent_s > _GONE_VEHICLE_S):
             return self.end(now)
         if killed:
-            return Decision(TerminateGoal(), Phase.LAND)
+            return Intent(TerminateGoal(), Phase.LAND)
         if view.armed and not vehicle.ours:
             return self.end(now)  # not our flight: nothing is sent, soon no heartbeat either
         if not view.armed and not vehicle.was_armed:
             asked = math.isfinite(vehicle.arming_s)
-            return Decision(LandGoal() if asked else StandbyGoal(), tick.before)
+            return Intent(LandGoal() if asked else StandbyGoal(), tick.before)
         if trigger.action in (FailsafeAction.FALL, FailsafeAction.YIELD):
             return self._yield(tick, trigger)
         if trigger.action is FailsafeAction.HOLD:
@@ -129,7 +129,7 @@ class Landing:
         failure = trigger.outcome is Outcome.FAILED
         return self.land(tick, self._plan.policies.hold_before_land_s if failure else 0.0)
 
-    def _yield(self, tick: Tick, trigger: FailsafeTrigger) -> Decision:
+    def _yield(self, tick: Tick, trigger: FailsafeTrigger) -> Intent:
         """Leave it to a pilot, for as long as one flies it; wait for a vehicle that fell, or that
         another than us has brought into its landing mode, no longer than for our own landing."""
         now, since = tick.now, self._lands_since
@@ -141,16 +141,16 @@ class Landing:
             since = None
         self._lands_since = since
         if since is None:
-            return Decision(YieldGoal(), Phase.YIELD)
+            return Intent(YieldGoal(), Phase.YIELD)
         if now - since <= LANDING_AT_MOST_S:
             limit = f"given up if it is still armed after {LANDING_AT_MOST_S:g} s"
-            return Decision(YieldGoal(), Phase.YIELD, f"{trigger.reason}; {limit}")
+            return Intent(YieldGoal(), Phase.YIELD, f"{trigger.reason}; {limit}")
         why = f"{trigger.reason}; still armed after {LANDING_AT_MOST_S:g} s"
         self._interruption.go_over_to(replace(trigger, reason=why))
         self._log.say(now, Severity.ERROR, why)
         return self.end(now)  # without the agent's heartbeats the vehicle's failsafe acts
 
-    def come_back(self, tick: Tick) -> Decision:
+    def come_back(self, tick: Tick) -> Intent:
         """Up to the own height, over the own start, down."""
         vehicle, interruption, way_back = self._vehicle, self._interruption, self._way_back
         fix, trigger = tick.fix, interruption.trigger
@@ -174,9 +174,9 @@ class Landing:
         vehicle.go_home_at(way_back.height_m)
         reason = None if trigger else f"return: {stage.name.lower()}"
         if fix is None or stage not in (ReturnStage.FLY, ReturnStage.DOWN):
-            return Decision(KeepClear(), Phase.RETURN, reason)
+            return Intent(KeepClear(), Phase.RETURN, reason)
         speed_mps = self._plan.policies.return_speed_mps
-        return Decision(FlyTo(way_back.home_m, speed_mps), Phase.RETURN, reason)
+        return Intent(FlyTo(way_back.home_m, speed_mps), Phase.RETURN, reason)
 
     def _come_down_at_home(self, tick: Tick) -> None:
         """On the own start, which the plan keeps for it, whichever vehicle stands at its own start
@@ -198,7 +198,7 @@ class Landing:
             for start in starts
         )
 
-    def land(self, tick: Tick, brake_s: float = 0.0) -> Decision:
+    def land(self, tick: Tick, brake_s: float = 0.0) -> Intent:
         """Stand still first, so that no agent drops its avoidance while it moves; then down in
         place."""
         vehicle, view, fix, now = self._vehicle, tick.view, tick.fix, tick.now
@@ -222,7 +222,7 @@ class Landing:
             why = f"not down after {LANDING_AT_MOST_S:g} s of landing"
             self._interruption.go_over_to(failed(FailsafeAction.LAND, why))
             return self.end(now)
-        return Decision(LandGoal(), Phase.LAND)
+        return Intent(LandGoal(), Phase.LAND)
 
     def _judge_place(self, tick: Tick) -> None:
         """A vehicle that came down elsewhere than it was told has not done its step."""
@@ -236,13 +236,13 @@ class Landing:
         self._log.say(tick.now, Severity.ERROR, why)
         self._interruption.go_over_to(failed(FailsafeAction.LAND, why))
 
-    def end(self, now: float) -> Decision:
+    def end(self, now: float) -> Intent:
         """The flight is over: on the ground, or with nothing left to fly."""
         self._vehicle.end(now)
         reason = self._interruption.reason
         why = f" ({reason})" if reason else ""
         self._log.say(now, Severity.INFO, f"ended: {self._interruption.outcome}{why}")
-        return Decision(ReleaseGoal(), Phase.ENDED, reason)
+        return Intent(ReleaseGoal(), Phase.ENDED, reason)
 
     def _below(self, tick: Tick) -> list[OtherAircraft]:
         """The vehicles on the ground that are hardly farther than `r_in`: flown over, not landed
@@ -274,14 +274,14 @@ class Landing:
             return frozenset()
         return frozenset(s.agent for s in tick.peers.fresh() if _stands(s.velocity_ned_mps))
 
-    def _hold(self, tick: Tick, *, ground: bool = False, room_m: float = 0.0) -> Decision:
+    def _hold(self, tick: Tick, *, ground: bool = False, room_m: float = 0.0) -> Intent:
         if not tick.view.controlled and self._progress.step <= 1:
             # still under the autopilot's own take-off
-            return Decision(LandGoal() if tick.view.armed else StandbyGoal(), Phase.HOLD)
+            return Intent(LandGoal() if tick.view.armed else StandbyGoal(), Phase.HOLD)
         if tick.view.on_ground and not self._vehicle.flown:
             # its height errs by more than a climb needs: it would lift off
-            return Decision(FlyGoal((0.0, 0.0, 0.0)), Phase.HOLD)
-        return Decision(KeepClear(ground, room_m), Phase.HOLD)
+            return Intent(FlyGoal((0.0, 0.0, 0.0)), Phase.HOLD)
+        return Intent(KeepClear(ground, room_m), Phase.HOLD)
 
     def _on_ground(self, tick: Tick) -> bool:
         """The vehicle stands there disarmed."""

@@ -61,7 +61,7 @@ Course: TypeAlias = KeepClear | FlyTo | FlyShape | ClimbOver
 
 
 @row
-class Decision:
+class Intent:
     """What one tick has come to."""
 
     course: Course | Goal

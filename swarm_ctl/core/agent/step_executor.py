@@ -7,11 +7,11 @@ import math
 
 from swarm_ctl.core.agent.command_handler import CommandHandler
 from swarm_ctl.core.agent.failsafes import failed
-from swarm_ctl.core.agent.flight import Interruption, Log, OwnVehicle
+from swarm_ctl.core.agent.flight import EventLog, Interruption, OwnVehicle
 from swarm_ctl.core.agent.group import Group
 from swarm_ctl.core.agent.landing import Landing
 from swarm_ctl.core.agent.preflight import Preflight, swarm_flies
-from swarm_ctl.core.agent.steering import ClimbOver, Decision, FlyShape, KeepClear, SetpointCount
+from swarm_ctl.core.agent.steering import ClimbOver, FlyShape, Intent, KeepClear, SetpointCount
 from swarm_ctl.core.agent.takeover import EVIDENCE_S, Takeover
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.navigation import OwnFix
@@ -36,7 +36,7 @@ class StepExecutor:
         vehicle: OwnVehicle,
         group: Group,
         interruption: Interruption,
-        log: Log,
+        log: EventLog,
         preflight: Preflight,
         command_handler: CommandHandler,
         landing: Landing,
@@ -69,14 +69,14 @@ class StepExecutor:
         forms = before is not None and before.new_shape is not None
         self._scattered = forms or still
 
-    def decide(self, tick: Tick, own_m: Point) -> Decision:
+    def decide(self, tick: Tick, own_m: Point) -> Intent:
         """What the agent does in this tick; `own_m` is its stop point."""
         view, progress, interruption = tick.view, self._group.progress, self._interruption
         self._last_text = view.texts[-1] if view.texts else self._last_text
         if self._vehicle.ended_s is not None:
-            return Decision(ReleaseGoal(), Phase.ENDED)
+            return Intent(ReleaseGoal(), Phase.ENDED)
         if self._takeover.pending(view):
-            return Decision(StandbyGoal(), Phase.PREPARE, self._takeover.look(tick))
+            return Intent(StandbyGoal(), Phase.PREPARE, self._takeover.look(tick))
         if progress.finished:
             return self._landing.end(tick.now)
         if interruption.trigger is not None:
@@ -94,7 +94,7 @@ class StepExecutor:
         learning = self._takeover.learning(tick, self._command_handler.tag)
         return learning or self._fly_formation(tick, step, own_m)
 
-    def _prepare(self, tick: Tick) -> Decision:
+    def _prepare(self, tick: Tick) -> Intent:
         """Wait for a healthy vehicle on its planned start, and for peers and station with the same
         plan."""
         view, progress = tick.view, self._group.progress
@@ -113,7 +113,7 @@ class StepExecutor:
             reason = "waiting for the others"
         elif progress.done:
             progress.done = False  # health can be lost again while waiting
-        return Decision(StandbyGoal(), phase, reason)
+        return Intent(StandbyGoal(), phase, reason)
 
     def _flies_already(self, tick: Tick) -> str:
         """Why this vehicle does not take off any more, or ''; once that lasts, the agent ends."""
@@ -139,15 +139,15 @@ class StepExecutor:
             self._log.say(tick.now, Severity.INFO, caution)
         self._cautioned = caution or self._cautioned
 
-    def _take_off(self, tick: Tick, height_m: float) -> Decision:
+    def _take_off(self, tick: Tick, height_m: float) -> Intent:
         vehicle, progress, view, fix = self._vehicle, self._group.progress, tick.view, tick.fix
         flies = "" if view.armed else self._flies_already(tick)
         if flies:
-            return Decision(StandbyGoal(), Phase.ARM, flies)
+            return Intent(StandbyGoal(), Phase.ARM, flies)
         if not view.armed or fix is None:
             vehicle.ask_to_arm(tick.now, fix)
             reason = self._last_text or "waiting for the vehicle to arm"
-            return Decision(AirborneGoal(height_m), Phase.ARM, reason)
+            return Intent(AirborneGoal(height_m), Phase.ARM, reason)
         vehicle.climb_to(height_m)
         missing_m = height_m - vehicle.height(fix)
         climbs = missing_m > _HEIGHT_TOLERANCE_M and not progress.done
@@ -158,26 +158,26 @@ class StepExecutor:
             return self._climb(tick, fix, height_m)
         if view.controlled and not climbs:
             progress.finish_step(tick.now)
-        return Decision(KeepClear(), Phase.TAKEOFF)
+        return Intent(KeepClear(), Phase.TAKEOFF)
 
-    def _climb(self, tick: Tick, fix: OwnFix, height_m: float) -> Decision:
+    def _climb(self, tick: Tick, fix: OwnFix, height_m: float) -> Intent:
         """Straight up, against the wind, and out of the way of others. Until it has left the ground
         a vehicle is not steered: it would lean there."""
         steered = tick.view.climbs_by_setpoints and tick.view.controlled
         stands = tick.view.on_ground or self._vehicle.height(fix) < _LIFTED_M
         if stands or not steered or self._lifted_m is None:
             self._lifted_m = fix.position_ned_m[:2]
-            return Decision(AirborneGoal(height_m), Phase.TAKEOFF)
-        return Decision(ClimbOver(self._lifted_m, height_m), Phase.TAKEOFF)
+            return Intent(AirborneGoal(height_m), Phase.TAKEOFF)
+        return Intent(ClimbOver(self._lifted_m, height_m), Phase.TAKEOFF)
 
-    def _fly_formation(self, tick: Tick, step: Step, own_m: Point) -> Decision:
+    def _fly_formation(self, tick: Tick, step: Step, own_m: Point) -> Intent:
         """The law in the mission's step, or in what a command has put in its place."""
         override, reason = self._command_handler.override, None
         if override is not None:
             reason = f"the operator commands: {override.kind}"
             stands = override.kind == CommandKind.HOLD and self._scattered
             if stands or override.kind == CommandKind.EXPEL:
-                return Decision(KeepClear(), Phase.FLY, reason)
+                return Intent(KeepClear(), Phase.FLY, reason)
         course: KeepClear | FlyShape = KeepClear()
         if tick.fix is not None:
             if override is None:
@@ -187,7 +187,7 @@ class StepExecutor:
             course = FlyShape(*self._group.formation(tick, flown, tag, own_m, free=free))
         if override is None:
             self._judge(tick.now, step, own_m)
-        return Decision(course, Phase.FLY, reason)
+        return Intent(course, Phase.FLY, reason)
 
     def _exchange_slots(self, tick: Tick, step: Step, own_m: Point) -> None:
         """Exchange slots with an agent that is in the way, where the step allows it."""

@@ -32,10 +32,10 @@ import math
 from typing import Final
 
 from swarm_ctl.core.agent.failsafes import FailsafeTrigger, failed
-from swarm_ctl.core.agent.flight import Interruption, Log, OwnVehicle
+from swarm_ctl.core.agent.flight import EventLog, Interruption, OwnVehicle
 from swarm_ctl.core.agent.group import Group
 from swarm_ctl.core.agent.preflight import Preflight
-from swarm_ctl.core.agent.steering import Decision, KeepClear
+from swarm_ctl.core.agent.steering import Intent, KeepClear
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
@@ -65,7 +65,7 @@ class Takeover:
         vehicle: OwnVehicle,
         group: Group,
         interruption: Interruption,
-        log: Log,
+        log: EventLog,
         preflight: Preflight,
     ) -> None:
         self._agent, self._log = agent, log
@@ -115,7 +115,7 @@ class Takeover:
             f"the vehicle is in the air; {missing or 'listening for another process that flies it'}"
         )
 
-    def learning(self, tick: Tick, override: int) -> Decision | None:
+    def learning(self, tick: Tick, override: int) -> Intent | None:
         """While a vehicle that was just taken over is held; None: fly on.
 
         `override` is the tag of the command that this agent carries out.
@@ -129,7 +129,7 @@ class Takeover:
             return None
         waits = "waits for the operator's command to end"
         reason = waits if foreign else "taken over: holds while it learns"
-        return Decision(KeepClear(), Phase.HOLD, reason)
+        return Intent(KeepClear(), Phase.HOLD, reason)
 
     # --- the evidence ---
 

@@ -52,7 +52,7 @@ class VehicleKind(StrEnum):
         return {VehicleKind.ARDUCOPTER: "ardupilot", VehicleKind.PX4: "px4"}.get(self)
 
 
-class Signing(StrEnum):
+class SigningPolicy(StrEnum):
     """Whether the frames between agents and vehicles are signed (MAVLink 2)."""
 
     REQUIRED = "required"
@@ -122,7 +122,7 @@ class Fleet:
     agents: tuple[FleetAgent, ...]
     trust: str | None = None
     """The folder with the swarm's keys (`swarm-ctl trust new`); None: the mesh is open."""
-    signing: Signing = Signing.OFF
+    signing: SigningPolicy = SigningPolicy.OFF
 
     @property
     def routers(self) -> tuple[str, ...]:

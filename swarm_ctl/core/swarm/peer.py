@@ -24,11 +24,11 @@ from swarm_ctl.core.swarm.plausibility import (
     LASTS_S,
     NO_JUMPS,
     SUSPECT_S,
+    BeliefLimits,
     Creep,
     Doubt,
-    Finding,
     Jumps,
-    Limits,
+    Suspicion,
 )
 from swarm_ctl.core.swarm.snapshot import TRAFFIC, OtherAircraft
 
@@ -45,7 +45,7 @@ _TURNS_S = 0.05
 """A clock that drifts faster than clocks do contradicts what is known of it by less."""
 _OVERDUE_S = 0.1
 """A far peer that is silent, or whose word has yet to last, is looked at so often."""
-_TWO = Finding(Doubt.SENDERS, "two senders speak as it")
+_TWO = Suspicion(Doubt.SENDERS, "two senders speak as it")
 
 
 @dataclass(slots=True)
@@ -65,7 +65,7 @@ class Peer:
 
     id: int
     clock: PeerClock
-    limits: Limits
+    limits: BeliefLimits
     group: str = ""
     """The own one, if it is a member."""
     state: AgentState | None = None
@@ -78,7 +78,7 @@ class Peer:
     """When the state was true, on the own clock, by the best guess."""
     earliest_s: float = math.inf
     """The same, at the earliest."""
-    found: Finding | None = None
+    found: Suspicion | None = None
     """Why its word was not believed last."""
     expelled: bool = False
     """The operator has ordered not to listen to it."""
@@ -270,20 +270,20 @@ class Peer:
 
     def _judge(
         self, old: AgentState, state: AgentState, received_s: float
-    ) -> tuple[Finding | None, Jumps]:
+    ) -> tuple[Suspicion | None, Jumps]:
         """Whether this state can follow the old one."""
         silent_s = received_s - self.received_s
         ahead_s, told_s = self.clock.beyond(state.time_s, received_s), state.time_s - old.time_s
         if silent_s <= NEIGHBOUR_S and (ahead_s > 0.0 or told_s <= 0.0):
             self._stepped_s = abs(ahead_s if ahead_s > 0.0 else told_s - silent_s)
-            return Finding(Doubt.CLOCK, f"its clock stepped by {self._stepped_s:.3g} s"), NO_JUMPS
+            return Suspicion(Doubt.CLOCK, f"its clock stepped by {self._stepped_s:.3g} s"), NO_JUMPS
         if not (self._flew or state.airborne):
             return None, NO_JUMPS
         # by its own clock, and not much longer than it was silent
         elapsed_s = min(told_s, silent_s + CLOCK_S) if told_s > 0.0 else silent_s
         return self.limits.jump(old, state, elapsed_s, self._jumps)
 
-    def _insists(self, finding: Finding, state: AgentState, received_s: float) -> bool:
+    def _insists(self, finding: Suspicion, state: AgentState, received_s: float) -> bool:
         """It says this for `INSISTS_S`, and what was believed did not go on: so it is."""
         other, jumps, since_s = self._other, NO_JUMPS, received_s
         if other is not None and received_s - other.received_s <= NEIGHBOUR_S:
@@ -326,7 +326,7 @@ class Peer:
 
     # --- what is not believed ---
 
-    def doubt(self, finding: Finding, now: float) -> None:
+    def doubt(self, finding: Suspicion, now: float) -> None:
         """Its word is not believed."""
         self._view_until_s = -math.inf
         self.found, self._found_s = finding, now

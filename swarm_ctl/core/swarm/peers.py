@@ -19,7 +19,7 @@ from swarm_ctl.core.model.vehicle import Contact
 from swarm_ctl.core.swarm.clocks import Clocks
 from swarm_ctl.core.swarm.hearing import hears_all
 from swarm_ctl.core.swarm.peer import Peer
-from swarm_ctl.core.swarm.plausibility import CLOCK_S, LASTS_S, Doubt, Finding, Limits
+from swarm_ctl.core.swarm.plausibility import CLOCK_S, LASTS_S, BeliefLimits, Doubt, Suspicion
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 from swarm_ctl.core.swarm.traffic import Traffic, Vacated
 
@@ -41,7 +41,7 @@ class Peers:
         group = group or plan.group
         others = (agent.id for agent in plan.agents if agent.id != own_id)
         self.clocks = Clocks(own_id, others, same_clock)
-        limits = Limits.of(plan)
+        limits = BeliefLimits.of(plan)
         near_s = -math.inf if hears_all(plan) else math.inf
         self._by_id = {
             agent: Peer(
@@ -88,11 +88,11 @@ class Peers:
             self.clocks.hear(news, received_s)
             if peer.clock.stepped_s > CLOCK_S:
                 peer.doubt(
-                    Finding(Doubt.CLOCK, f"its clock word steps by {peer.clock.stepped_s:.3g} s"),
+                    Suspicion(Doubt.CLOCK, f"its clock word steps by {peer.clock.stepped_s:.3g} s"),
                     received_s,
                 )
 
-    def doubt(self, agent: int, finding: Finding, now: float) -> None:
+    def doubt(self, agent: int, finding: Suspicion, now: float) -> None:
         """A word of this peer is not believed, as another part of the agent found."""
         self._by_id[agent].doubt(finding, now)
 
@@ -164,4 +164,4 @@ class Peers:
         for i, since_s in self._off_since.items():
             if now - since_s >= LASTS_S:
                 words = f"the traffic sensor sees it stop {off_m[i]:.1f} m from where it says"
-                self._by_id[i].doubt(Finding(Doubt.SENSOR, words), now)
+                self._by_id[i].doubt(Suspicion(Doubt.SENSOR, words), now)

@@ -78,7 +78,7 @@ class Doubt(StrEnum):
     """The traffic sensor sees the vehicle stop elsewhere."""
 
 
-class Finding(NamedTuple):
+class Suspicion(NamedTuple):
     """Why a word is not believed."""
 
     doubt: Doubt
@@ -96,7 +96,7 @@ NO_JUMPS: Final = Jumps()
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class BeliefLimits:
     """What vehicles of one plan can do."""
 
     fastest_mps: float
@@ -112,7 +112,7 @@ class Limits:
     """What can be named."""
 
     @classmethod
-    def of(cls, plan: Plan) -> Limits:
+    def of(cls, plan: Plan) -> BeliefLimits:
         """For this plan."""
         response, speed_mps = plan.response, plan.limits.speed_mps
         moves = max(plan.policies.max_speed_mps, 2.0 * speed_mps)
@@ -124,11 +124,11 @@ class Limits:
         """The response that is counted with, of a peer that tells this one."""
         return min(response_s, self.response_s)
 
-    def absurd(self, state: AgentState) -> Finding | None:
+    def absurd(self, state: AgentState) -> Suspicion | None:
         """What of this state, by itself, no vehicle of the plan can do, or the plan has not."""
         unknown = self.in_plan.of_state(state)
         if unknown:
-            return Finding(Doubt.FIGURE, unknown)
+            return Suspicion(Doubt.FIGURE, unknown)
         (north, east, down), (stop_n, stop_e) = state.position_ned_m, state.stop_point_m
         most = _FARTHEST_M
         if not (
@@ -138,7 +138,7 @@ class Limits:
             and -most <= stop_n <= most
             and -most <= stop_e <= most
         ):
-            return Finding(Doubt.FIGURE, f"it is more than {_FARTHEST_M / 1000:g} km away")
+            return Suspicion(Doubt.FIGURE, f"it is more than {_FARTHEST_M / 1000:g} km away")
         (v_north, v_east, _), (told_n, told_e) = state.velocity_ned_mps, state.setpoint_mps
         flown, told = math.hypot(v_north, v_east), math.hypot(told_n, told_e)
         if flown > self.fastest_mps:
@@ -158,12 +158,12 @@ class Limits:
             return _over("its formation moves at", frame.rate, 1.0, "of its speed")
         if frame is not None and not _SMALLEST <= frame.scale <= 1e3:
             words = f"its formation has the scale {frame.scale:.3g}; allowed: {_SMALLEST:g} to 1000"
-            return Finding(Doubt.FIGURE, words)
+            return Suspicion(Doubt.FIGURE, words)
         return None
 
     def jump(
         self, before: AgentState, state: AgentState, elapsed_s: float, jumps: Jumps
-    ) -> tuple[Finding | None, Jumps]:
+    ) -> tuple[Suspicion | None, Jumps]:
         """Whether the vehicle can have come from the one state to the other in `elapsed_s`; the
         jumps so far."""
         forgiven = _FORGIVEN_MPS * elapsed_s
@@ -186,7 +186,7 @@ class Limits:
                 allowed = f"{flown + JUMP_M:.1f} m"
                 if told_m <= flown + JUMP_M:  # many small ones
                     words, allowed = f"{what} jumped by {beyond_m:.1f} m in all", f"{JUMP_M:g} m"
-                return Finding(Doubt.PLACE, f"{words}; allowed: {allowed}"), jumps
+                return Suspicion(Doubt.PLACE, f"{words}; allowed: {allowed}"), jumps
         return None, new
 
 
@@ -198,7 +198,7 @@ class Creep:
         self._off = self._new = 0j
         self._for_s = 0.0
 
-    def look(self, before: AgentState, state: AgentState) -> Finding | None:
+    def look(self, before: AgentState, state: AgentState) -> Suspicion | None:
         """Whether they have moved too far, with the state that follows `before`."""
         elapsed_s = state.time_s - before.time_s
         if not 0.0 < elapsed_s <= _CREPT_GAP_S:
@@ -217,13 +217,13 @@ class Creep:
             self._new, self._for_s = 0j, 0.0
         return self._found()
 
-    def _found(self) -> Finding | None:
+    def _found(self) -> Suspicion | None:
         off_m = abs(self._off)
         if off_m <= CREEP_M:
             return None
         words = f"its places drift: {off_m:.1f} m from where its velocities lead"
-        return Finding(Doubt.CREEP, f"{words}; allowed: {CREEP_M:g} m")
+        return Suspicion(Doubt.CREEP, f"{words}; allowed: {CREEP_M:g} m")
 
 
-def _over(what: str, value: float, most: float, unit: str) -> Finding:
-    return Finding(Doubt.FIGURE, f"{what} {value:.3g} {unit}; allowed: {most:.3g} {unit}")
+def _over(what: str, value: float, most: float, unit: str) -> Suspicion:
+    return Suspicion(Doubt.FIGURE, f"{what} {value:.3g} {unit}; allowed: {most:.3g} {unit}")

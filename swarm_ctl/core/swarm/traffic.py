@@ -20,7 +20,7 @@ from swarm_ctl.core.model.frames import ned_from_geodetic
 from swarm_ctl.core.model.plan import Compensation, Plan, Point
 from swarm_ctl.core.model.timeouts import PREDICT_S
 from swarm_ctl.core.model.vehicle import Contact, Vector3
-from swarm_ctl.core.swarm.plausibility import Limits
+from swarm_ctl.core.swarm.plausibility import BeliefLimits
 from swarm_ctl.core.swarm.snapshot import TRAFFIC, OtherAircraft, predicted_s
 
 MAX_CONTACTS: Final = 8
@@ -58,7 +58,7 @@ class Traffic:
 
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
-        self._fastest_mps = Limits.of(plan).fastest_mps
+        self._fastest_mps = BeliefLimits.of(plan).fastest_mps
         self._response, self._limit_mps = plan.response, plan.limits.speed_mps
         self._ahead_s = plan.response.dead_time_s + plan.response.lag_s
         self.seen: frozenset[int] = frozenset()

@@ -13,7 +13,7 @@ from typing import Final
 
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.mission.input.document import Finding, Place
+from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import ROUNDING, Findings
 from swarm_ctl.mission.mission_file import MissionFile
 
@@ -133,14 +133,14 @@ def outside(plan: Plan) -> Findings:
         if not each.low - ROUNDING <= found <= each.high + ROUNDING:
             what = f"{each.name} is {found:.3g}, outside the studied {each.studied}"
             unknown = f"{what}: how close vehicles come is not known there"
-            yield Finding(each.place, f"{unknown}{each.enough(plan, each.high)}", "")
+            yield Mistake(each.place, f"{unknown}{each.enough(plan, each.high)}", "")
 
 
-def refused(plan: Plan) -> Iterator[Finding]:
+def refused(plan: Plan) -> Iterator[Mistake]:
     """What is so far outside that the mission may not fly."""
     for each in ENVELOPE:
         least, most = each.refused
         found = each.of(plan)
         if not least - ROUNDING <= found <= most + ROUNDING:
             what = f"{each.name} is {found:.3g}, far outside the studied {each.studied}"
-            yield Finding(each.place, what, f"{each.accepted}{each.enough(plan, most)}")
+            yield Mistake(each.place, what, f"{each.accepted}{each.enough(plan, most)}")

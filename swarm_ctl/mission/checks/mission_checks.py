@@ -19,7 +19,7 @@ from swarm_ctl.core.swarm.hearing import SMALL_SWARM
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.fleet.fleet_checks import check_fleet, check_hosts, check_trust
 from swarm_ctl.mission.geometry.shapes import slot_count, slots_of
-from swarm_ctl.mission.input.document import Finding, Place
+from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import (
     ROUNDING,
     Findings,
@@ -37,7 +37,7 @@ from swarm_ctl.mission.steps.move import MAX_DISTANCE_M
 from swarm_ctl.mission.steps.table import KINDS, LAST
 
 
-def check(mission: MissionFile, broken: frozenset[str] = frozenset()) -> list[Finding]:
+def check(mission: MissionFile, broken: frozenset[str] = frozenset()) -> list[Mistake]:
     """All mistakes, but for those that need a section in `broken`; lengths are the file's."""
     found = [
         finding
@@ -61,7 +61,7 @@ def _radii(mission: MissionFile) -> Findings:
         small, large = getattr(law, inner), getattr(law, outer)
         if small >= large:
             allowed = f"below law.{outer} = {large:g}"
-            yield Finding(("law", inner), f"{small:g} is not below {outer}", allowed)
+            yield Mistake(("law", inner), f"{small:g} is not below {outer}", allowed)
 
 
 def _gains(mission: MissionFile) -> Findings:
@@ -69,7 +69,7 @@ def _gains(mission: MissionFile) -> Findings:
     if kappa is not None and kappa * tick_s > 1 + ROUNDING:
         times = f"{kappa:g} * tick_s {tick_s:g} is {kappa * tick_s:g}"
         allowed = f"at most 1 / tick_s = {1 / tick_s:g}"
-        yield Finding(("law", "kappa"), f"{times}: more than one law iteration a tick", allowed)
+        yield Mistake(("law", "kappa"), f"{times}: more than one law iteration a tick", allowed)
 
 
 def _own_law(mission: MissionFile) -> Findings:
@@ -79,7 +79,7 @@ def _own_law(mission: MissionFile) -> Findings:
         laws.pinned(mission.law.own)
     except InputError as error:
         what, _, allowed = str(error).partition("; allowed: ")
-        yield Finding(("law", "own"), what, allowed)
+        yield Mistake(("law", "own"), what, allowed)
 
 
 # --- origin, agents and their starts ---
@@ -89,7 +89,7 @@ def _no_place(mission: MissionFile) -> Findings:
     """A vehicle that knows no position says 0, 0, so none is believed there."""
     if mission.origin.lat_deg == 0 == mission.origin.lon_deg:
         what = "0, 0 lies in the Atlantic, and is what a vehicle without a position says"
-        yield Finding(("origin",), what, "the latitude and longitude of the field")
+        yield Mistake(("origin",), what, "the latitude and longitude of the field")
 
 
 def _agent_ids(mission: MissionFile) -> Findings:
@@ -104,7 +104,7 @@ def _start_range(mission: MissionFile) -> Findings:
         away_m = math.hypot(*agent.start) * metres(mission)
         if away_m > MAX_DISTANCE_M:
             what = f"is {said(away_m, mission)} from the origin"
-            yield Finding(("agents", k, "start"), what, f"at most {said(MAX_DISTANCE_M, mission)}")
+            yield Mistake(("agents", k, "start"), what, f"at most {said(MAX_DISTANCE_M, mission)}")
 
 
 def _starts(mission: MissionFile) -> Findings:
@@ -116,7 +116,7 @@ def _starts(mission: MissionFile) -> Findings:
         if apart < r_in:
             what = f"agents {other} and {agent.id} start {said(apart * metre, mission)} apart"
             allowed = f"at least law.r_in = {said(r_in * metre, mission)}"
-            yield Finding(("agents", k, "start"), what, allowed)
+            yield Mistake(("agents", k, "start"), what, allowed)
 
 
 def _connected(mission: MissionFile) -> Findings:
@@ -133,7 +133,7 @@ def _connected(mission: MissionFile) -> Findings:
         needed, i, j = graph.connecting_range(starts)
         wide = f"law.r of {said(needed * metre, mission, least=True)} or more"
         allowed = f"{wide} (agents {i} and {j}), closer starts, or a list of neighbours"
-        yield Finding(("agents",), what, allowed)
+        yield Mistake(("agents",), what, allowed)
 
 
 def _links(mission: MissionFile) -> Findings:
@@ -169,10 +169,10 @@ def _links_of_fleet(mission: MissionFile) -> Findings:
         place = ("fleet", "agents", k)
         if (named or large) and entry.mesh:
             what = "the agent does not listen: it is a client of its host's router"
-            yield Finding((*place, "mesh"), what, "router: where the router listens")
+            yield Mistake((*place, "mesh"), what, "router: where the router listens")
         elif named and not (entry.router or fleet.router or large):
             what = f"agent {entry.id} has no router, and other agents have"
-            yield Finding(place, what, "router: of each agent, or none, or one of the fleet")
+            yield Mistake(place, what, "router: of each agent, or none, or one of the fleet")
 
 
 def _fleet_has_all(mission: MissionFile) -> Findings:
@@ -181,10 +181,10 @@ def _fleet_has_all(mission: MissionFile) -> Findings:
         place = ("agents", k, "id")
         if mission.fleet is None and agent.id > 250:
             what = f"agent {agent.id} can't use its id as its vehicle's sysid"
-            yield Finding(place, what, "an id up to 250, or a fleet section that gives sysids")
+            yield Mistake(place, what, "an id up to 250, or a fleet section that gives sysids")
         elif mission.fleet and agent.id not in there:
             what = f"agent {agent.id} has no entry in the fleet"
-            yield Finding(place, what, f"one of {listed(there)}")
+            yield Mistake(place, what, f"one of {listed(there)}")
 
 
 # --- simulation ---
@@ -196,18 +196,18 @@ def _faults(mission: MissionFile) -> Findings:
     for k, fault in enumerate(mission.simulation.faults):
         if not fault.set.given() and fault.pilot is None:
             allowed = "one SIM_* parameter at least, or a pilot"
-            yield Finding((*place, k, "set"), "sets nothing", allowed)
+            yield Mistake((*place, k, "set"), "sets nothing", allowed)
         if fault.pilot is not None and fault.for_s is not None:
-            yield Finding((*place, k, "for_s"), "a pilot gives nothing back", "no for_s")
+            yield Mistake((*place, k, "for_s"), "a pilot gives nothing back", "no for_s")
         for j, agent in enumerate(fault.agents or ()):
             if agent not in ids:
                 what = f"agent {agent} is not in this mission"
-                yield Finding((*place, k, "agents", j), what, f"one of {listed(ids)}")
+                yield Mistake((*place, k, "agents", j), what, f"one of {listed(ids)}")
     for i, k, name in overlaps(mission.simulation.faults):
         first = mission.simulation.faults[i]
         until = first.at_s + (first.for_s or 0.0)
         what = f"{name} is set while faults#{i + 1} lasts, which resets it at its end"
-        yield Finding((*place, k, "at_s"), what, f"{until:g} or later, or other agents")
+        yield Mistake((*place, k, "at_s"), what, f"{until:g} or later, or other agents")
 
 
 # --- shapes ---
@@ -218,7 +218,7 @@ def _shapes(mission: MissionFile) -> Findings:
         place = ("shapes", name)
         if isinstance(shape, RingShape) and (shape.side is None) == (shape.radius is None):
             given = "neither side nor radius" if shape.side is None else "both side and radius"
-            yield Finding(place, f"has {given}", "one of side, radius")
+            yield Mistake(place, f"has {given}", "one of side, radius")
         else:
             yield from _slot_distances(mission, place, shape)
 
@@ -238,7 +238,7 @@ def _slot_distances(mission: MissionFile, place: Place, shape: Shape) -> Finding
         pair = f"slots {i + 1} and {j + 1} of {len(between)}"
         what = f"{pair} are {said(apart * metre, mission)} apart{more}"
         wide = _wide(shape, r_out / apart) if apart else ""
-        yield Finding(where, what, f"more than law.r_out = {said(r_out * metre, mission)}{wide}")
+        yield Mistake(where, what, f"more than law.r_out = {said(r_out * metre, mission)}{wide}")
 
 
 def _wide(shape: Shape, times: float) -> str:
@@ -262,7 +262,7 @@ def _slot_counts(mission: MissionFile) -> Findings:
         if have != need:
             place = ("shapes", name, "offsets" if isinstance(shape, OffsetsShape) else "count")
             few = "too few" if have < need else "too many"
-            yield Finding(place, f"{have} slots for {need} agents: {few}", f"{need} slots")
+            yield Mistake(place, f"{have} slots for {need} agents: {few}", f"{need} slots")
 
 
 # --- steps ---
@@ -274,19 +274,19 @@ def _steps(mission: MissionFile) -> Findings:
     for k, kind in enumerate(kinds):
         place = ("steps", k)
         if not kind:
-            yield Finding(place, "is not one step", f"exactly one of {', '.join(KINDS)}")
+            yield Mistake(place, "is not one step", f"exactly one of {', '.join(KINDS)}")
         elif k == 0 and not KINDS[kind].opens:
-            yield Finding(place, f"{kind} before takeoff", "takeoff as the first step")
+            yield Mistake(place, f"{kind} before takeoff", "takeoff as the first step")
         elif k > 0 and KINDS[kind].opens:
-            yield Finding(place, f"{kind} in the air", f"{kind} as the first step only")
+            yield Mistake(place, f"{kind} in the air", f"{kind} as the first step only")
         if k < last and kind in LAST:
-            yield Finding(place, f"steps after {kind}", f"{kind} as the last step only")
+            yield Mistake(place, f"steps after {kind}", f"{kind} as the last step only")
         formed = any(step.body and step.body.shape_formed for step in mission.steps[:k])
         if kind and KINDS[kind].keeps_formation and not formed:
-            yield Finding(place, f"{kind} without a formation to keep", "a form step before it")
+            yield Mistake(place, f"{kind} without a formation to keep", "a form step before it")
     if kinds[last] not in {*LAST, ""}:
         what = f"the mission ends with {kinds[last]}"
-        yield Finding(("steps", last), what, "land or return as the last step")
+        yield Mistake(("steps", last), what, "land or return as the last step")
 
 
 def _timeouts(mission: MissionFile) -> Findings:
@@ -304,9 +304,9 @@ def _polygon(mission: MissionFile) -> Findings:
     polygon = mission.fence.polygon or ()
     if crossing := crossing_edges(polygon):
         what = f"the edges after corners {crossing[0] + 1} and {crossing[1] + 1} cross"
-        yield Finding(("fence", "polygon"), what, "corners in order along the fence")
+        yield Mistake(("fence", "polygon"), what, "corners in order along the fence")
     elif polygon and area(polygon) * metres(mission) ** 2 < 1.0:
-        yield Finding(("fence", "polygon"), "has no area", "corners around a field")
+        yield Mistake(("fence", "polygon"), "has no area", "corners around a field")
 
 
 def _starts_fenced(mission: MissionFile) -> Findings:
@@ -314,7 +314,7 @@ def _starts_fenced(mission: MissionFile) -> Findings:
     for k, agent in enumerate(mission.agents):
         if sound and not inside(mission.fence.polygon or (), agent.start):
             allowed = "a start inside fence.polygon"
-            yield Finding(("agents", k, "start"), "is outside the geofence", allowed)
+            yield Mistake(("agents", k, "start"), "is outside the geofence", allowed)
 
 
 _CHECKS: tuple[tuple[str, Callable[[MissionFile], Findings]], ...] = (

@@ -7,16 +7,16 @@ import itertools
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.safety.fence import inside, leaves
-from swarm_ctl.mission.input.document import Finding, Place
+from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import Findings
 from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.steps.step_kind import Setting
 from swarm_ctl.mission.steps.table import kind_of
 
 
-def check_plan(plan: Plan, mission: MissionFile) -> list[Finding]:
+def check_plan(plan: Plan, mission: MissionFile) -> list[Mistake]:
     """Every mistake that shows only in the plan; its words are those of the mission's file."""
-    found: list[Finding] = []
+    found: list[Mistake] = []
     for k, (step, before) in enumerate(zip(plan.steps, plan.formations(), strict=False)):
         at, place = Setting(plan, before), ("steps", k, step.kind)
         found += [*kind_of(step).wrong(step, at, place, mission), *_beyond(step, at, place)]
@@ -41,5 +41,5 @@ def _beyond(step: Step, at: Setting, place: Place) -> Findings:
         if out is not None:
             point = f"{out[0]:.1f} m north, {out[1]:.1f} m east of the origin"
             what = f"agent {agent.id} would be outside the geofence {where} {point}"
-            yield Finding(place, what, "places and ways inside fence.polygon")
+            yield Mistake(place, what, "places and ways inside fence.polygon")
             return

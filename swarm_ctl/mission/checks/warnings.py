@@ -10,14 +10,14 @@ from typing import Final
 
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import smallest_distance
-from swarm_ctl.core.model.fleet import Signing, VehicleKind
+from swarm_ctl.core.model.fleet import SigningPolicy, VehicleKind
 from swarm_ctl.core.model.plan import Compensation, Plan, Point, Policy
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.swarm.radio import LEAST_HZ, budget
 from swarm_ctl.mission.checks import envelope
 from swarm_ctl.mission.fleet.build_fleet import fleet_of
 from swarm_ctl.mission.fleet.exposure import exposures
-from swarm_ctl.mission.input.document import Finding, Place
+from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import ROUNDING, Findings
 from swarm_ctl.mission.input.units import said
 from swarm_ctl.mission.mission_file import MissionFile
@@ -43,7 +43,7 @@ _PLAIN_RATE = 0.05
 much did."""
 
 
-def warnings(mission: MissionFile, plan: Plan) -> list[Finding]:
+def warnings(mission: MissionFile, plan: Plan) -> list[Mistake]:
     """Every warning; `allowed` is empty, since what they warn of is allowed."""
     return [finding for function in _WARNINGS for finding in function(mission, plan)]
 
@@ -64,7 +64,7 @@ def _close_starts(mission: MissionFile, plan: Plan) -> Findings:
             f" inside each other's avoidance region (law.r_out, {said(r_out * unit, mission)}): in"
             f" wind{over} they may come under law.r_in as they take off"
         )
-        yield Finding(("agents",), what, "")
+        yield Mistake(("agents",), what, "")
 
 
 def _stretched_links(mission: MissionFile, plan: Plan) -> Findings:
@@ -92,7 +92,7 @@ def _stretched_links(mission: MissionFile, plan: Plan) -> Findings:
         )
         if _rechosen_fit(before, slots, r):
             what += ", or neighbours: rechoose in this step"
-        yield Finding(("steps", k, step.kind, "shape"), what, "")
+        yield Mistake(("steps", k, step.kind, "shape"), what, "")
 
 
 def _rechosen_fit(before: PlannedFormation, slots: dict[int, Point], r: float) -> bool:
@@ -114,7 +114,7 @@ def _long_flight(_mission: MissionFile, plan: Plan) -> Findings:
             f"takes {times[longest]:.0f} s at least, of a flight of {sum(times):.0f} s: most"
             f" batteries end after about {_LONG_FLIGHT_S:g} s"
         )
-        yield Finding(("steps", longest, plan.steps[longest].kind), what, "")
+        yield Mistake(("steps", longest, plan.steps[longest].kind), what, "")
 
 
 def _far_away(mission: MissionFile, plan: Plan) -> Findings:
@@ -129,17 +129,17 @@ def _far_away(mission: MissionFile, plan: Plan) -> Findings:
                 f"goes {said(away_m, mission)} from the starts, out of a pilot's sight; the"
                 " geofence grows with it: draw one in fence.polygon"
             )
-            yield Finding(("steps", k, step.kind), what, "")
+            yield Mistake(("steps", k, step.kind), what, "")
 
 
 def _slow(_mission: MissionFile, plan: Plan) -> Findings:
     for k, step in enumerate(plan.steps):
         if step.path is not None and step.path.speed_mps < _SLOW_MPS:
             what = f"{step.path.speed_mps:g} m/s is less than a GPS position drifts"
-            yield Finding(("steps", k, step.kind, "speed_mps"), what, "")
+            yield Mistake(("steps", k, step.kind, "speed_mps"), what, "")
     if plan.limits.speed_mps < _SLOW_MPS:
         what = f"{plan.limits.speed_mps:g} m/s is less than a GPS position drifts"
-        yield Finding(("vehicle", "limits", "speed_mps"), what, "")
+        yield Mistake(("vehicle", "limits", "speed_mps"), what, "")
 
 
 def _low(_mission: MissionFile, plan: Plan) -> Findings:
@@ -147,7 +147,7 @@ def _low(_mission: MissionFile, plan: Plan) -> Findings:
         if step.climbs_to_m is not None and step.climbs_to_m < _LOW_M:
             low = f"{step.climbs_to_m:g} m"
             what = f"{low}: rotors blow back from the ground, and height estimates err"
-            yield Finding(("steps", k, step.kind, "height_m"), what, "")
+            yield Mistake(("steps", k, step.kind, "height_m"), what, "")
 
 
 def _loose_tolerance(mission: MissionFile, plan: Plan) -> Findings:
@@ -160,7 +160,7 @@ def _loose_tolerance(mission: MissionFile, plan: Plan) -> Findings:
                     f"{form.tolerance_m:g} m is more than half of what {form.shape}'s slots are"
                     f" apart ({said(apart_m, mission)}): it counts as formed when it is not"
                 )
-                yield Finding(("steps", k, step.kind, "tolerance_m"), what, "")
+                yield Mistake(("steps", k, step.kind, "tolerance_m"), what, "")
 
 
 def _limits_at_once(_mission: MissionFile, plan: Plan) -> Findings:
@@ -171,7 +171,7 @@ def _limits_at_once(_mission: MissionFile, plan: Plan) -> Findings:
             f"{policies.max_speed_mps:g} m/s is not above vehicle.limits.speed_mps ="
             f" {speed_mps:g}: {policies.too_fast} in ordinary flight"
         )
-        yield Finding(("policies", "max_speed_mps"), what, "")
+        yield Mistake(("policies", "max_speed_mps"), what, "")
     if policies.battery_reserve_percent > _MOST_RESERVE and (
         policies.battery_low is not Policy.CONTINUE
     ):
@@ -179,7 +179,7 @@ def _limits_at_once(_mission: MissionFile, plan: Plan) -> Findings:
             f"{policies.battery_reserve_percent:g} %: {policies.battery_low} with more than half"
             " of the battery left"
         )
-        yield Finding(("policies", "battery_reserve_percent"), what, "")
+        yield Mistake(("policies", "battery_reserve_percent"), what, "")
 
 
 def _doubtful_steps(mission: MissionFile, _plan: Plan) -> Findings:
@@ -191,7 +191,7 @@ def _small_r_in(_mission: MissionFile, plan: Plan) -> Findings:
     r_in_m = plan.law.r_in * plan.unit_m
     if r_in_m < _SMALLEST_R_IN_M:
         what = f"{r_in_m:.2g} m: vehicles and GPS errors are larger than that"
-        yield Finding(("law", "r_in"), what, "")
+        yield Mistake(("law", "r_in"), what, "")
 
 
 def _weak_avoidance(_mission: MissionFile, plan: Plan) -> Findings:
@@ -200,7 +200,7 @@ def _weak_avoidance(_mission: MissionFile, plan: Plan) -> Findings:
             f"{plan.law.r_out:.3g} units: the law's repulsion is weak at radii so far above the"
             " paper's 1.5; a larger unit_m, or lengths: metres without a unit_m, makes it strong"
         )
-        yield Finding(("law", "r_out"), what, "")
+        yield Mistake(("law", "r_out"), what, "")
 
 
 def _fast_gain(_mission: MissionFile, plan: Plan) -> Findings:
@@ -211,7 +211,7 @@ def _fast_gain(_mission: MissionFile, plan: Plan) -> Findings:
             " brings pairs under r_in; stop_point does not, nor does kappa * h up to"
             f" {_PLAIN_RATE:g}"
         )
-        yield Finding(("law", "compensation"), what, "")
+        yield Mistake(("law", "compensation"), what, "")
     guarded = plan.safety.filter and plan.safety.release
     if plan.compensation is Compensation.STOP_POINT and not guarded and rate > _UNSAFE_RATE + 1e-9:
         more = "" if plan.safety.filter else ", or come under r_in"
@@ -219,7 +219,7 @@ def _fast_gain(_mission: MissionFile, plan: Plan) -> Findings:
             f"kappa * h = {rate:.3g}: above {_UNSAFE_RATE:g} the agents block each other more"
             f" often{more}"
         )
-        yield Finding(("law", "h"), what, "")
+        yield Mistake(("law", "h"), what, "")
 
 
 def _outside_the_envelope(_mission: MissionFile, plan: Plan) -> Findings:
@@ -227,14 +227,14 @@ def _outside_the_envelope(_mission: MissionFile, plan: Plan) -> Findings:
         yield from envelope.outside(plan)
     elif plan.compensation is Compensation.STOP_POINT:
         what = "off: what docs/pages/safety.md says of distances does not hold for this mission"
-        yield Finding(("safety", "filter"), what, "")
+        yield Mistake(("safety", "filter"), what, "")
 
 
 def _spare_fleet(mission: MissionFile, _plan: Plan) -> Findings:
     flying = {agent.id for agent in mission.agents}
     for k, entry in enumerate(mission.fleet.agents if mission.fleet else ()):
         if entry.id not in flying:
-            yield Finding(("fleet", "agents", k), f"agent {entry.id} is not in this mission", "")
+            yield Mistake(("fleet", "agents", k), f"agent {entry.id} is not in this mission", "")
 
 
 def _real_vehicles(mission: MissionFile, _plan: Plan) -> Findings:
@@ -249,7 +249,7 @@ def _real_vehicles(mission: MissionFile, _plan: Plan) -> Findings:
         if ids:
             named = ", ".join(map(str, sorted(ids)))
             what = f"ignored by agents with a vehicle of their own: {named}"
-            yield Finding(("simulation", *place), what, "")
+            yield Mistake(("simulation", *place), what, "")
 
 
 def _open_to_others(mission: MissionFile, _plan: Plan) -> Findings:
@@ -261,7 +261,7 @@ def _open_to_others(mission: MissionFile, _plan: Plan) -> Findings:
         what += " --fleet FILE makes them, and trust: FOLDER in the fleet names them"
         if fleet.trust is not None:
             what = f"{exposed[0]}{more}, with signing: off: run refuses it; signing: required"
-        yield Finding(("fleet", "agents"), what, "")
+        yield Mistake(("fleet", "agents"), what, "")
 
 
 def _shared_ids(mission: MissionFile, _plan: Plan) -> Findings:
@@ -274,13 +274,13 @@ def _shared_ids(mission: MissionFile, _plan: Plan) -> Findings:
             f"the MAVLink system ids do not suffice: {several} agents share theirs. On a radio that"
             " two of them share, the one keeps the other's ArduCopter up when that agent is dead"
         )
-        yield Finding(("fleet",) if mission.fleet else ("agents",), what, "")
+        yield Mistake(("fleet",) if mission.fleet else ("agents",), what, "")
 
 
 def _narrow_radios(mission: MissionFile, _plan: Plan) -> Findings:
     """A radio that does not carry what its vehicles need."""
     fleet = fleet_of(mission)
-    signed = fleet.signing is Signing.REQUIRED
+    signed = fleet.signing is SigningPolicy.REQUIRED
     for endpoint, agents in fleet.radios().items():
         gets = {a: budget(a.radio, a.autopilot, signed=signed) for a in agents if a.radio}
         worst = min(gets.values(), key=lambda each: each.hz)
@@ -292,7 +292,7 @@ def _narrow_radios(mission: MissionFile, _plan: Plan) -> Findings:
                 f" each{', signed' if signed else ''}: with fewer, a lost frame stops a vehicle."
                 " A faster radio, or fewer vehicles behind it"
             )
-            yield Finding(("fleet", "agents"), what, "")
+            yield Mistake(("fleet", "agents"), what, "")
 
 
 def _unknown_wind(mission: MissionFile, _plan: Plan) -> Findings:
@@ -304,14 +304,14 @@ def _unknown_wind(mission: MissionFile, _plan: Plan) -> Findings:
             " PX4 with EKF2_DRAG_CTRL; as delivered neither does); max_tilt_deg"
             f" ({mission.policies.max_tilt_deg:g}) acts on all"
         )
-        yield Finding(("policies", max(stated)), what, "")
+        yield Mistake(("policies", max(stated)), what, "")
 
 
 def _unused_shapes(mission: MissionFile, _plan: Plan) -> Findings:
     used = {step.body.shape_formed for step in mission.steps if step.body}
     for name in mission.shapes:
         if name not in used:
-            yield Finding(("shapes", name), "no step forms it", "")
+            yield Mistake(("shapes", name), "no step forms it", "")
 
 
 _WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (

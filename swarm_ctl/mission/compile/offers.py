@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing
+from swarm_ctl.core.model.fleet import Fleet, FleetAgent, SigningPolicy
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.plan_file import PlanFile, plan_from_json, plan_to_json
@@ -59,7 +59,7 @@ def plan_name(text: str) -> PlanName | None:
     return found and PlanName(found[1], found[2] or "")
 
 
-def pack(plan: Plan, agents: tuple[FleetAgent, ...], signing: Signing) -> bytes:
+def pack(plan: Plan, agents: tuple[FleetAgent, ...], signing: SigningPolicy) -> bytes:
     """An offer: the plan file, compressed; not where the station keeps its keys. No bytes where it
     is too large to be offered."""
     text = plan_to_json(plan, Fleet(agents, None, signing)).encode()

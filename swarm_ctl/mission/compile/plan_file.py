@@ -17,7 +17,7 @@ from typing import Any, Final, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import SchemaValidator
 
-from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing
+from swarm_ctl.core.model.fleet import Fleet, FleetAgent, SigningPolicy
 from swarm_ctl.core.model.plan import Plan, fingerprint_of
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.files import read_bytes
@@ -53,7 +53,7 @@ class PlanAndFleet(BaseModel):
     """One entry per agent of the plan."""
     trust: str | None = None
     """The fleet's folder with the swarm's keys."""
-    signing: Signing = Signing.OFF
+    signing: SigningPolicy = SigningPolicy.OFF
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
-from swarm_ctl.core.model.fleet import Fleet, Signing, plain_endpoint
+from swarm_ctl.core.model.fleet import Fleet, SigningPolicy, plain_endpoint
 from swarm_ctl.errors import InputError
 
 _HOST: Final = re.compile(r"(?:\w+/|\w+:)?(?P<host>\[[^\]]+\]|[^:/\s\[\]]*):\d+")
@@ -42,7 +42,7 @@ def exposures(fleet: Fleet, peers: Iterable[str] = ()) -> list[str]:
 
 def exposed_links(fleet: Fleet) -> list[str]:
     """The same of the vehicles' links alone, which keys of the mesh do not protect."""
-    if fleet.signing is Signing.REQUIRED:
+    if fleet.signing is SigningPolicy.REQUIRED:
         return []
     links = [(agent.id, agent.reached_at or "") for agent in fleet.agents]
     return [f"agent {i} listens for its vehicle at {at}" for i, at in links if listens_wide(at)]

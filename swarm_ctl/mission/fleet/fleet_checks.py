@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from swarm_ctl.mission.input.document import Finding, Place
+from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import Findings, twice
 from swarm_ctl.mission.sections.fleet_section import FleetEntry, FleetSection
 
@@ -13,7 +13,7 @@ def check_trust(fleet: FleetSection, place: Place) -> Findings:
     """What is wrong with how the fleet, which stands at `place`, is protected."""
     if fleet.trust is None and fleet.signing == "required":
         what = "signing is required, and there are no keys to sign with"
-        yield Finding((*place, "signing"), what, "trust: FOLDER beside it (swarm-ctl trust new)")
+        yield Mistake((*place, "signing"), what, "trust: FOLDER beside it (swarm-ctl trust new)")
     entries = [(*place, "agents", k) for k in range(len(fleet.agents))]
     ways = {(*entries[k], "mesh"): entry.mesh for k, entry in enumerate(fleet.agents)}
     ways |= {(*entries[k], "router"): entry.router for k, entry in enumerate(fleet.agents)}
@@ -21,7 +21,7 @@ def check_trust(fleet: FleetSection, place: Place) -> Findings:
         scheme = (at or "tcp/").partition("/")[0]
         if fleet.trust is None and scheme in ("tls", "quic"):
             allowed = f"trust: FOLDER in the fleet, or {'tcp/' if scheme == 'tls' else 'udp/'}"
-            yield Finding(spot, f"{scheme}/ without keys", allowed)
+            yield Mistake(spot, f"{scheme}/ without keys", allowed)
 
 
 def check_fleet(entries: Sequence[FleetEntry], place: Place, *, radio: bool) -> Findings:
@@ -39,23 +39,23 @@ def check_fleet(entries: Sequence[FleetEntry], place: Place, *, radio: bool) -> 
     for k, entry in enumerate(entries):
         if entry.agent_sysid in vehicles:
             what = f"agent {entry.id} can't speak as {entry.agent_sysid}, a vehicle's sysid"
-            yield Finding((*place, k, "agent_sysid"), what, "an id of no vehicle, 1 to 254")
+            yield Mistake((*place, k, "agent_sysid"), what, "an id of no vehicle, 1 to 254")
         if entry.sysid is None and entry.id > 250:
             what = f"sysid is missing, and the id, {entry.id}, can't be one"
-            yield Finding((*place, k), what, "sysid: 1 to 250")
+            yield Mistake((*place, k), what, "sysid: 1 to 250")
         if entry.vehicle and entry.endpoint:
             what = f"vehicle {entry.vehicle} has an endpoint already, {entry.endpoint}"
-            yield Finding((*place, k, "vehicle"), what, "vehicle or endpoint")
+            yield Mistake((*place, k, "vehicle"), what, "vehicle or endpoint")
         if entry.firmware != (entry.kind.autopilot or entry.firmware):
             what = f"vehicle {entry.vehicle} is no {entry.firmware}"
             allowed = f"autopilot: {entry.kind.autopilot}, or none"
-            yield Finding((*place, k, "vehicle"), what, allowed)
+            yield Mistake((*place, k, "vehicle"), what, allowed)
         ways = {"endpoint": entry.endpoint, "mesh": entry.mesh, "router": entry.router}
         for name, value in ways.items():
             port = value.rpartition(":")[2] if value and not value.startswith("serial:") else "1"
             if not 1 <= int(port) <= 65535:
                 what = f"port {port} is out of range"
-                yield Finding((*place, k, name), what, "a port from 1 to 65535")
+                yield Mistake((*place, k, name), what, "a port from 1 to 65535")
 
 
 def _shared_endpoints(entries: Sequence[FleetEntry], place: Place, *, radio: bool) -> Findings:
@@ -75,7 +75,7 @@ def _shared_endpoints(entries: Sequence[FleetEntry], place: Place, *, radio: boo
     for spot, found in behind.items():
         if list(behind.values()).count(found) > 1:
             what = f"sysid {found[1]} is there twice behind the radio {found[0]}"
-            yield Finding(spot, what, "a sysid of its own for every vehicle behind a radio")
+            yield Mistake(spot, what, "a sysid of its own for every vehicle behind a radio")
 
 
 def _is_radio(at: str | None, *, radio: bool) -> bool:
@@ -91,10 +91,10 @@ def check_hosts(fleet: FleetSection, place: Place) -> Findings:
         spot, router = (*place, "agents", k), entry.router or fleet.router
         if hosted and not entry.host:
             what = f"agent {entry.id} has no host, and other agents have one"
-            yield Finding(spot, what, "host: the computer that it runs on; or no host at all")
+            yield Mistake(spot, what, "host: the computer that it runs on; or no host at all")
         if entry.host and router and routers.setdefault(entry.host, router) != router:
             what = f"{entry.host} has the router {routers[entry.host]} already"
-            yield Finding((*spot, "router"), what, "one router for each host")
+            yield Mistake((*spot, "router"), what, "one router for each host")
 
 
 def _reached_at(entry: FleetEntry) -> str | None:

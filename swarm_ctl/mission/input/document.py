@@ -12,7 +12,7 @@ Place: TypeAlias = tuple[str | int, ...]
 """Where a value stands in its document: keys and list indices from the top."""
 
 
-class Finding(NamedTuple):
+class Mistake(NamedTuple):
     """A mistake: where in the document, what is wrong, what would be allowed."""
 
     place: Place

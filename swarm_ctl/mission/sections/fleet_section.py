@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from swarm_ctl.core.model.fleet import Signing, VehicleKind, plain_endpoint
+from swarm_ctl.core.model.fleet import SigningPolicy, VehicleKind, plain_endpoint
 from swarm_ctl.mission.sections.section import AgentId, Section
 from swarm_ctl.mission.sections.vehicle_section import VehicleResponse
 
@@ -106,6 +106,6 @@ class FleetSection(Section):
     is no serial port may be shared only with it. Default: a tenth of the baud rate."""
 
     @property
-    def signs(self) -> Signing:
+    def signs(self) -> SigningPolicy:
         """Whether frames are signed."""
-        return Signing(self.signing or ("required" if self.trust else "off"))
+        return SigningPolicy(self.signing or ("required" if self.trust else "off"))

@@ -13,7 +13,7 @@ from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.mission.geometry import slot_assignment
 from swarm_ctl.mission.geometry.shapes import slots_of
-from swarm_ctl.mission.input.document import Finding, Place
+from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import Findings, bad_links, named_parts
 from swarm_ctl.mission.input.near_matches import did_you_mean
 from swarm_ctl.mission.input.units import said
@@ -51,7 +51,7 @@ def _known_shape(written: FormSection, place: Place, mission: Mission) -> Findin
     if written.shape not in mission.shapes:
         hint = did_you_mean(written.shape, known)
         allowed = f"one of {', '.join(known)}" if known else "a shape from the section shapes"
-        yield Finding((*place, "shape"), f"there is no shape {written.shape!r}{hint}", allowed)
+        yield Mistake((*place, "shape"), f"there is no shape {written.shape!r}{hint}", allowed)
 
 
 def _links(written: FormSection, place: Place, mission: Mission) -> Findings:
@@ -111,4 +111,4 @@ class Form(StepKind[FormSection, FormStep]):
             wide = said(needed * plan.unit_m, mission, least=True)
             allowed = f"law.r of {wide} or more (agents {i} and {j}), or neighbours: keep"
             what = f"the shape before is not connected: {falls}"
-            yield Finding((*place, "neighbours"), what, allowed)
+            yield Mistake((*place, "neighbours"), what, allowed)

@@ -10,7 +10,7 @@ from pydantic import Field
 from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.move import MoveStep
-from swarm_ctl.mission.input.document import Finding, Place
+from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import Findings
 from swarm_ctl.mission.sections.section import NorthEast
 from swarm_ctl.mission.steps.step_kind import Checks, Mission, Setting
@@ -35,7 +35,7 @@ def _one_way(written: MoveSection, place: Place, _mission: Mission) -> Findings:
     given = [name for name in ("to", "along", "by") if getattr(written, name) is not None]
     if len(given) != 1:
         what = f"has {' and '.join(given) or 'no way to go'}"
-        yield Finding(place, what, "one of to, along, by")
+        yield Mistake(place, what, "one of to, along, by")
 
 
 class Move(Travel[MoveSection, MoveStep]):
@@ -56,7 +56,7 @@ class Move(Travel[MoveSection, MoveStep]):
         for centre in step.waypoints_m if at.plan.fence is not None else ():
             if math.hypot(*centre) > MAX_DISTANCE_M:
                 what = f"goes {math.hypot(*centre):.0f} m from the origin"
-                yield Finding(place, what, f"at most {MAX_DISTANCE_M:g} m")
+                yield Mistake(place, what, f"at most {MAX_DISTANCE_M:g} m")
         yield from super().wrong(step, at, place, mission)
 
 

@@ -10,7 +10,7 @@ from pydantic import Field
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.rotate import RotateStep
-from swarm_ctl.mission.input.document import Finding, Place
+from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import Findings
 from swarm_ctl.mission.steps.travel import Pace, Travel, TravelSection
 
@@ -42,4 +42,4 @@ class Rotate(Travel[RotateSection, RotateStep]):
         twelfths = abs(angle) / math.pi * 12
         if 0.5 < twelfths < 24.5 and abs(twelfths - round(twelfths)) < _RADIANS:
             what = f"{angle:g} degrees; if radians were meant: {math.degrees(angle):.0f}"
-            yield Finding((*place, "angle_deg"), what, "")
+            yield Mistake((*place, "angle_deg"), what, "")

@@ -8,7 +8,7 @@ from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.scale import ScaleStep
-from swarm_ctl.mission.input.document import Finding, Place
+from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import ROUNDING, Findings
 from swarm_ctl.mission.input.units import enough, said
 from swarm_ctl.mission.steps.step_kind import Mission, Setting
@@ -43,5 +43,5 @@ class Scale(Travel[ScaleSection, ScaleStep]):
             wide = f"above {enough(narrowing * r_out / apart)}"
             least = said(r_out * plan.unit_m, mission)
             allowed = f"{wide}: more than law.r_out = {least} between slots"
-            yield Finding((*place, "factor"), what, allowed)
+            yield Mistake((*place, "factor"), what, allowed)
         yield from super().wrong(step, at, place, mission)

@@ -9,7 +9,7 @@ from pydantic import Field
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.takeoff import TakeoffStep
-from swarm_ctl.mission.input.document import Finding, Place
+from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import Findings
 from swarm_ctl.mission.sections.section import Timeout
 from swarm_ctl.mission.steps.autopilot_times import UpAndDown
@@ -61,4 +61,4 @@ class Takeoff(StepKind[TakeoffSection, TakeoffStep]):
         if at.plan.fence is not None and step.height_m > at.plan.fence.height_m:
             what = f"{step.height_m:g} m is above the geofence"
             allowed = f"at most fence.height_m = {at.plan.fence.height_m:g}"
-            yield Finding((*place, "height_m"), what, allowed)
+            yield Mistake((*place, "height_m"), what, allowed)

@@ -10,7 +10,7 @@ from pydantic import Field
 from swarm_ctl.core.model.plan import Policy, Response
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.step import Path
-from swarm_ctl.mission.input.document import Finding, Place
+from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import Findings, too_short
 from swarm_ctl.mission.sections.section import Timeout
 from swarm_ctl.mission.steps.autopilot_times import UpAndDown
@@ -50,7 +50,7 @@ def too_fast(written: TravelSection, place: Place, mission: Mission) -> Findings
     limit, speed_mps = mission.vehicle.limits.speed_mps, written.speed_mps or 0.0
     if speed_mps > limit:
         what = f"{speed_mps:g} m/s is faster than the vehicles may fly"
-        yield Finding((*place, "speed_mps"), what, f"at most vehicle.limits.speed_mps = {limit:g}")
+        yield Mistake((*place, "speed_mps"), what, f"at most vehicle.limits.speed_mps = {limit:g}")
 
 
 class Travel(StepKind[T, W]):

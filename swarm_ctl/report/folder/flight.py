@@ -24,7 +24,7 @@ _GRID_S: Final = 0.1
 """Between the moments of a flight without truth: as the truth is written."""
 
 
-class Source(StrEnum):
+class TrackSource(StrEnum):
     """Who says where a vehicle was."""
 
     TRUTH = "truth"
@@ -51,7 +51,7 @@ class Flight:
     """(T, n): airborne, its place known, and its agent not yet lost."""
     doubt_m: Floats
     """(T, n): how far from there it may have been, horizontally; 0 for the truth."""
-    sources: tuple[Source, ...]
+    sources: tuple[TrackSource, ...]
     """(n,)"""
 
     @property
@@ -70,7 +70,7 @@ def no_flight(agents: int) -> Flight:
     """Of a run of which nothing is known."""
     none = np.zeros((0, agents))
     flags = none.astype(np.bool_)
-    sources = (Source.ESTIMATES,) * agents
+    sources = (TrackSource.ESTIMATES,) * agents
     return Flight(
         time_s=np.zeros(0),
         position_ned_m=np.zeros((0, agents, 3)),
@@ -108,7 +108,7 @@ def flight_of(
             armed[:, k], airborne[:, k] = tracks[k].arming(time_s)
     there = np.isfinite(position[..., 0])
     live = airborne & there & (time_s[:, None] <= np.asarray(live_until_s))
-    sources = [Source.TRUTH if sysid in known else Source.ESTIMATES for sysid in sysids]
+    sources = [TrackSource.TRUTH if sysid in known else TrackSource.ESTIMATES for sysid in sysids]
     return Flight(
         time_s=time_s,
         position_ned_m=position,

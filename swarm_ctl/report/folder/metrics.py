@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from swarm_ctl.core.law.formation import errors
 from swarm_ctl.core.model.vehicle import OVER_M
-from swarm_ctl.report.folder.flight import CLOCK_S, Flight, Source
+from swarm_ctl.report.folder.flight import CLOCK_S, Flight, TrackSource
 from swarm_ctl.report.folder.truth import Floats
 
 
@@ -36,7 +36,7 @@ def approaches(flight: Flight) -> Iterator[Approach]:
     (`OVER_M`). By an estimate while both are: on the ground the
     noise of a position is no approach.
     """
-    true = np.array([source is Source.TRUTH for source in flight.sources])
+    true = np.array([source is TrackSource.TRUTH for source in flight.sources])
     flying, some = flight.airborne, flight.airborne.any(axis=1, keepdims=True)
     for i in range(len(true) - 1 if len(flight.time_s) > 1 else 0):
         others = slice(i + 1, None)

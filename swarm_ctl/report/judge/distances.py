@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from swarm_ctl.report.folder.flight import Source
+from swarm_ctl.report.folder.flight import TrackSource
 from swarm_ctl.report.folder.metrics import Approach, approaches
 from swarm_ctl.report.folder.run_folder import RunFolder
 
@@ -24,7 +24,7 @@ class PairDistance:
     """Horizontal."""
     time_s: float
     doubt_m: float
-    source: Source
+    source: TrackSource
 
 
 def pair_distances(run: RunFolder) -> list[PairDistance]:
@@ -38,8 +38,10 @@ def pair_distances(run: RunFolder) -> list[PairDistance]:
 def _pair(run: RunFolder, found: Approach) -> PairDistance:
     a, b = sorted(run.agents[k] for k in found.columns)
     sources = {run.flight.sources[k] for k in found.columns} if run.flight else set()
-    if Source.ESTIMATES in sources:
-        return PairDistance((a, b), found.distance_m, found.time_s, found.doubt_m, Source.ESTIMATES)
+    if TrackSource.ESTIMATES in sources:
+        return PairDistance(
+            (a, b), found.distance_m, found.time_s, found.doubt_m, TrackSource.ESTIMATES
+        )
     distance_m, time_s = found.distance_m, found.time_s
     if run.truth is not None and run.manifest is not None:
         sysid = {entry.id: entry.sysid for entry in run.manifest.fleet}
@@ -47,4 +49,4 @@ def _pair(run: RunFolder, found: Approach) -> PairDistance:
         told_m = run.truth.minima.get(pair)
         if told_m is not None and distance_m > told_m - _STRAIGHT_M:
             distance_m, time_s = told_m, run.truth.minima_s[pair]
-    return PairDistance((a, b), distance_m, time_s, 0.0, Source.TRUTH)
+    return PairDistance((a, b), distance_m, time_s, 0.0, TrackSource.TRUTH)

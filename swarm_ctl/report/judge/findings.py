@@ -16,7 +16,7 @@ from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.vehicle import FALLS_MPS, MISPLACED_M
-from swarm_ctl.report.folder.flight import Flight, Source
+from swarm_ctl.report.folder.flight import Flight, TrackSource
 from swarm_ctl.report.folder.run_folder import RunFolder
 from swarm_ctl.report.folder.truth import Bools, EventKind, Truth, TruthEvent
 from swarm_ctl.report.judge.distances import PairDistance
@@ -142,8 +142,8 @@ def _too_close(plan: Plan, pairs: Iterable[PairDistance]) -> Iterator[Finding]:
             yield Finding(FindingKind.TOO_CLOSE, pair.time_s, pair.agents, text)
 
 
-def _by(source: Source) -> str:
-    return " by their own estimates" if source is Source.ESTIMATES else ""
+def _by(source: TrackSource) -> str:
+    return " by their own estimates" if source is TrackSource.ESTIMATES else ""
 
 
 # --- one vehicle ---
@@ -171,7 +171,7 @@ def _motors_off(run: RunFolder, k: int, events: list[TruthEvent]) -> Iterator[Fi
     if told is None:
         armed, down = flight.armed[:, k], flight.position_ned_m[:, k, 2]
         off = np.flatnonzero(armed[:-1] & ~armed[1:])
-        true = flight.sources[k] is Source.TRUTH
+        true = flight.sources[k] is TrackSource.TRUTH
         for at in off.tolist():
             drop_m = _drop(down[at + 1 :])
             if (true and flight.airborne[at + 1, k]) or (not true and drop_m > _DROP_M):
@@ -259,7 +259,7 @@ def _not_down(run: RunFolder, k: int) -> Iterator[Finding]:
     agent, flight = run.agents[k], run.flight
     if flight is None or not len(flight.time_s):
         return
-    if flight.sources[k] is Source.TRUTH and not (run.truth and run.truth.complete):
+    if flight.sources[k] is TrackSource.TRUTH and not (run.truth and run.truth.complete):
         return  # it ends with the simulator, wherever the vehicle is
     armed: Bools = flight.armed[:, k]
     airborne: Bools = flight.airborne[:, k]

@@ -14,11 +14,11 @@ import numpy as np
 from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.law.graph import edges
 from swarm_ctl.core.model.causes import Cause
-from swarm_ctl.core.model.fleet import Signing
+from swarm_ctl.core.model.fleet import SigningPolicy
 from swarm_ctl.core.model.messages import AgentStatus, Event, Outcome, StepResult, TickReport
 from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.report.folder import metrics
-from swarm_ctl.report.folder.flight import Source
+from swarm_ctl.report.folder.flight import TrackSource
 from swarm_ctl.report.folder.last_statuses import read_events, read_troubles
 from swarm_ctl.report.folder.manifest import Manifest
 from swarm_ctl.report.folder.run_folder import RunFolder, read_run
@@ -151,7 +151,7 @@ def _protection(run: RunFolder) -> ProtectionSummary | None:
         mesh=MeshKind.TLS,
         operator=str(member_of(flown_by.name)) if flown_by else "",
         authenticated=tuple(status.agent for status in run.statuses),
-        signing=manifest.signing is Signing.REQUIRED,
+        signing=manifest.signing is SigningPolicy.REQUIRED,
         signed=tuple(
             s.agent for s in run.statuses if s.vehicle_link is not None and s.vehicle_link.signed
         ),
@@ -281,7 +281,7 @@ def _in_metres(plan: Plan, slots: Sequence[Point]) -> Floats:
 
 def _closest(run: RunFolder, pairs: Sequence[PairDistance]) -> dict[str, Any]:
     """The smallest distance of all, and that of the truth; `pairs` have the closest first."""
-    true = next((pair for pair in pairs if pair.source is Source.TRUTH), None)
+    true = next((pair for pair in pairs if pair.source is TrackSource.TRUTH), None)
     found: dict[str, Any] = {
         "min_true_distance_m": true.distance_m if true else None,
         "min_true_pair": true.agents if true else None,

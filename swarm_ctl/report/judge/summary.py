@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict
 from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.messages import CommandKind, Outcome, TickReport
 from swarm_ctl.report.folder.files import read_model, write_model
-from swarm_ctl.report.folder.flight import Source
+from swarm_ctl.report.folder.flight import TrackSource
 from swarm_ctl.report.judge.findings import FindingKind
 from swarm_ctl.station.picture.protection import MeshKind
 
@@ -189,7 +189,7 @@ class Summary(_SummaryPart):
     """The agents that left by an order to some agents, the first one first."""
     findings: tuple[FindingSummary, ...] = ()
     """The earliest first."""
-    judged_by: dict[int, Source] = {}
+    judged_by: dict[int, TrackSource] = {}
     """Who says where the vehicle of each agent (by id) was."""
     protection: ProtectionSummary | None = None
     """Null where the manifest is not known."""

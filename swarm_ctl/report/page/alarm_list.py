@@ -10,13 +10,13 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.report.folder.last_statuses import read_events
 from swarm_ctl.report.folder.manifest import Manifest
 from swarm_ctl.station.picture.alarms import LEVEL_OF, Level
-from swarm_ctl.station.picture.journal import Entry, EntryKind
+from swarm_ctl.station.picture.journal import EntryKind, JournalLine
 from swarm_ctl.station.picture.playback import Film
 
 
 def log_entries(
     folder: Path, manifest: Manifest, said: Sequence[tuple[float, Payload]]
-) -> list[Entry]:
+) -> list[JournalLine]:
     """Alarms, warnings, errors and commands, of all that the recording holds; without a recording
     the agents' warnings alone."""
     try:
@@ -26,7 +26,9 @@ def log_entries(
         entries = film.journal.entries
     except InputError:  # no recording, or nothing in it: the notes say so
         entries = tuple(
-            Entry(event.time_s, EntryKind.EVENT, LEVEL_OF[event.level], (event.agent,), event.text)
+            JournalLine(
+                event.time_s, EntryKind.EVENT, LEVEL_OF[event.level], (event.agent,), event.text
+            )
             for event in read_events(folder, [])
             if event.level is not Severity.INFO
         )

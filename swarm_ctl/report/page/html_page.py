@@ -26,7 +26,7 @@ from swarm_ctl.report.page.player import player, script_hash, style
 from swarm_ctl.report.page.run_history import RunHistory, read_history
 from swarm_ctl.report.page.summary_table import figures_of, render_summary
 from swarm_ctl.rim import Rim
-from swarm_ctl.station.picture.journal import Entry
+from swarm_ctl.station.picture.journal import JournalLine
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -144,7 +144,7 @@ def comparison_table(folders: Sequence[Path]) -> Table:
     return table
 
 
-def _log(folder: Path, history: RunHistory) -> list[Entry]:
+def _log(folder: Path, history: RunHistory) -> list[JournalLine]:
     return log_entries(folder, history.manifest, history.heard.said)
 
 
@@ -173,14 +173,14 @@ def _numbers(names: Sequence[str], summaries: Sequence[Summary]) -> str:
     return f'<div class="wide"><table><tr><th></th>{head}</tr>{rows}</table></div>'
 
 
-def _alarms(entries: Iterable[Entry], notes: Sequence[str]) -> str:
+def _alarms(entries: Iterable[JournalLine], notes: Sequence[str]) -> str:
     rows = [_alarm(entry) for entry in entries]
     said = (_cells(("", "note", note)) for note in dict.fromkeys(notes))
     rows += [f'<tr class="warning"><td></td>{cells}</tr>' for cells in said]
     return f'<div class="wide"><table>{"".join(rows)}</table></div>' if rows else "<p>None.</p>"
 
 
-def _alarm(entry: Entry) -> str:
+def _alarm(entry: JournalLine) -> str:
     agents = agents_named(entry.agents) if entry.agents else ""
     times = f" (×{entry.count})" if entry.count > 1 else ""
     cells = _cells((agents, entry.kind, entry.text + times))

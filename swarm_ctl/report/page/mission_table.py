@@ -15,7 +15,7 @@ from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import closest_pair
 from swarm_ctl.core.law.stop_point import stop_distance
-from swarm_ctl.core.model.fleet import Fleet, Signing, VehicleKind
+from swarm_ctl.core.model.fleet import Fleet, SigningPolicy, VehicleKind
 from swarm_ctl.core.model.plan import AgentPlan, Plan, Point
 from swarm_ctl.core.model.text import agents_named, ranges
 from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S
@@ -56,7 +56,7 @@ def mission_parts(
         yield f"{count - _AGENTS + 2} more agents; --full shows them"
     yield _steps(plan, forecasts)
     yield from _facts(plan, full, routed=bool(loaded.fleet.routers))
-    signed = loaded.fleet.signing is Signing.REQUIRED
+    signed = loaded.fleet.signing is SigningPolicy.REQUIRED
     for behind in loaded.fleet.radios().values():
         yield f"radio    {radio_words(behind, signed=signed)}"
     yield from pilots(loaded.fleet)

@@ -23,7 +23,7 @@ from swarm_ctl.report.folder.flight import Flight
 from swarm_ctl.report.folder.truth import Floats
 from swarm_ctl.report.page.drawing import COLOURS
 from swarm_ctl.report.page.run_history import RunHistory, least
-from swarm_ctl.station.picture.journal import Entry
+from swarm_ctl.station.picture.journal import JournalLine
 
 OFF_M: Final = 0.05
 """What is drawn between the moments that the page keeps may be off by this much."""
@@ -56,7 +56,7 @@ def style() -> str:
     return _asset("player.css")
 
 
-def player(runs: Sequence[tuple[RunHistory, Iterable[Entry]]]) -> str:
+def player(runs: Sequence[tuple[RunHistory, Iterable[JournalLine]]]) -> str:
     """The player as HTML; '' where no run has a flight to show.
 
     Each run comes with the entries of its log that are marked on the line of time. Several runs
@@ -76,7 +76,7 @@ def player(runs: Sequence[tuple[RunHistory, Iterable[Entry]]]) -> str:
     )
 
 
-def _run(history: RunHistory, entries: Iterable[Entry], *, aligned: bool) -> dict[str, Any]:
+def _run(history: RunHistory, entries: Iterable[JournalLine], *, aligned: bool) -> dict[str, Any]:
     flight, plan = history.flight, history.plan
     kept = _thinned(flight)
     at = kept.moments
@@ -171,7 +171,7 @@ def _steps(history: RunHistory) -> list[dict[str, Any]]:
     ]
 
 
-def _mark(entry: Entry) -> dict[str, Any]:
+def _mark(entry: JournalLine) -> dict[str, Any]:
     return {
         "t": round(entry.time_s, 3),
         "level": entry.level.name.lower(),

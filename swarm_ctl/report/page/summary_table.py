@@ -12,7 +12,7 @@ from rich.text import Text
 from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.core.model.text import agents_named, printable, ranges
 from swarm_ctl.core.swarm.hearing import mesh_words
-from swarm_ctl.report.folder.flight import Source
+from swarm_ctl.report.folder.flight import TrackSource
 from swarm_ctl.report.judge.summary import (
     AgentPair,
     SafetySummary,
@@ -236,7 +236,7 @@ def _protection(s: Summary) -> list[tuple[str, bool]]:
 
 
 def _nearest(s: Summary) -> Iterator[tuple[str, str, bool]]:
-    estimated = [agent for agent, source in s.judged_by.items() if source is Source.ESTIMATES]
+    estimated = [agent for agent, source in s.judged_by.items() if source is TrackSource.ESTIMATES]
     # a summary of an earlier version has the truth's alone
     both = ((s.min_distance_m, s.min_distance_pair), (s.min_true_distance_m, s.min_true_pair))
     told = [(distance_m, pair) for distance_m, pair in both if distance_m is not None]
@@ -250,7 +250,7 @@ def _nearest(s: Summary) -> Iterator[tuple[str, str, bool]]:
 
 
 def _judged_by(s: Summary) -> str:
-    estimated = [agent for agent, source in s.judged_by.items() if source is Source.ESTIMATES]
+    estimated = [agent for agent, source in s.judged_by.items() if source is TrackSource.ESTIMATES]
     if not s.judged_by:
         return "by the agents' own words alone"
     if not estimated:

@@ -18,14 +18,14 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from swarm_ctl.core.agent.agent import Agent, Ended, Inbox
-from swarm_ctl.core.model.fleet import RadioShare, Signing
+from swarm_ctl.core.model.fleet import RadioShare, SigningPolicy
 from swarm_ctl.core.model.messages import AgentStatus, Event, Glimpse, Outcome, Refusal, Severity
 from swarm_ctl.core.model.plan import Plan, Response
 from swarm_ctl.files import replacing
 from swarm_ctl.mavlink.autopilots.timing import streams_hz
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.mirror import Mirror
-from swarm_ctl.mavlink.signing import Signing as FrameSigning
+from swarm_ctl.mavlink.signing import LinkSigning as FrameSigning
 from swarm_ctl.mavlink.stamp import kept_signing
 from swarm_ctl.mavlink.tlog import TlogWriter
 from swarm_ctl.mesh import keys
@@ -41,7 +41,7 @@ from swarm_ctl.runtime.forked import serve_forked
 from swarm_ctl.runtime.lifeline import ALIVE, READY, Lifeline
 from swarm_ctl.runtime.link_keys import folder_signing
 from swarm_ctl.runtime.lockstep.seat import Seat, die, seat
-from swarm_ctl.runtime.lockstep.words import Phase
+from swarm_ctl.runtime.lockstep.words import TickPhase
 from swarm_ctl.runtime.protection import access, own_identity, valid_for_s
 from swarm_ctl.runtime.refused_links import refused_links
 from swarm_ctl.runtime.script import NO_SCRIPT, AgentScript, ScriptedAgent
@@ -90,7 +90,7 @@ class AgentConfig:
     """Where the keeper of mission time is, for a run in lockstep."""
     identity: Path | None = None
     """The folder with the agent's own keys (`swarm-ctl trust new`); None: the mesh is open."""
-    signing: Signing = Signing.OFF
+    signing: SigningPolicy = SigningPolicy.OFF
     """Of the frames between agent and vehicle."""
     radio: RadioShare | None = None
     """What the vehicle shares with others."""
@@ -117,7 +117,7 @@ def run_agent(
     """Fly one agent to its end; the exit code: 0 when it completed or landed on command, 1 when it
     failed. `show` gets what it waits for and what happens, line by line."""
     identity = own_identity(config.identity, config.agent_id)
-    place = seat(config.lockstep, Phase.SWARM, config.epoch_s, config.speedup)
+    place = seat(config.lockstep, TickPhase.SWARM, config.epoch_s, config.speedup)
     script = ScriptedAgent(config.script, place.clock.now)
     with (
         closing(place),
@@ -156,7 +156,7 @@ def _signing(config: AgentConfig) -> AbstractContextManager[FrameSigning | None]
     key, pace = config.signing_key, 0.0 if config.lockstep else 1.0 / config.speedup
     if key is not None:
         return kept_signing(key, key.with_name(f"{key.name}.stamp"), unix_s(), pace=pace)
-    if config.identity is None or config.signing is not Signing.REQUIRED:
+    if config.identity is None or config.signing is not SigningPolicy.REQUIRED:
         return nullcontext()
     return folder_signing(config.identity, pace=pace)
 

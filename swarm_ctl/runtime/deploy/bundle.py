@@ -32,7 +32,7 @@ from swarm_ctl.mission.compile.plan_file import (
     plan_from_json,
     plan_to_json,
 )
-from swarm_ctl.runtime.deploy.manifest import PLAN, Manifest
+from swarm_ctl.runtime.deploy.manifest import PLAN, BundleManifest
 from swarm_ctl.runtime.protection import agent_identity_folder, router_identity_folder
 from swarm_ctl.trust.bundle import pack as pack_keys
 from swarm_ctl.trust.identity import load_identity
@@ -49,7 +49,7 @@ MOST_BYTES: Final = 64_000_000
 class Bundle:
     """One host's files by name; what they hold may be secret."""
 
-    manifest: Manifest
+    manifest: BundleManifest
     files: Mapping[str, bytes] = field(repr=False)
 
     @property
@@ -118,7 +118,7 @@ def unpacked(data: bytes, name: str = "bundle") -> Bundle:
             if not _fits(entry):
                 raise InputError(f"{name}: holds {entry!r}; allowed: a bundle of deploy")
             files[entry] = content
-        manifest = Manifest.model_validate_json(files[MANIFEST])
+        manifest = BundleManifest.model_validate_json(files[MANIFEST])
         plan = plan_from_json(files[PLAN], f"{name}: {PLAN}")
     except (tarfile.TarError, KeyError, ValidationError) as error:
         raise InputError(
@@ -130,7 +130,7 @@ def unpacked(data: bytes, name: str = "bundle") -> Bundle:
     return Bundle(manifest, files)
 
 
-def _misfits(manifest: Manifest, file: PlanFile, files: Collection[str]) -> Iterator[str]:
+def _misfits(manifest: BundleManifest, file: PlanFile, files: Collection[str]) -> Iterator[str]:
     """What of a bundle is not of one piece, in words."""
     if file.whole_hash != manifest.whole_hash or file.plan.name != manifest.swarm:
         yield f"its plan is {file.name}, its manifest has another one"
@@ -166,7 +166,7 @@ class _Part:
 def _bundle(plan: Plan, fleet: Fleet, part: _Part) -> Bundle:
     keys, router_keys = _keys(fleet, part)
     swarms = {load_identity(folder).swarm for folder in keys}
-    manifest = Manifest(
+    manifest = BundleManifest(
         host=part.host,
         swarm=plan.name,
         whole_hash=named_by_hash(plan, fleet).rpartition("@")[2],

@@ -32,8 +32,8 @@ from swarm_ctl.files import read_bytes
 from swarm_ctl.runtime.clock import date_and_time, pause, wall_s
 from swarm_ctl.runtime.deploy.bundle import KEYS, MANIFEST, Bundle
 from swarm_ctl.runtime.deploy.logs import last_line, pack_logs
-from swarm_ctl.runtime.deploy.manifest import ROOT, Manifest, Service
-from swarm_ctl.runtime.deploy.report import HostReport, ServiceReport, State
+from swarm_ctl.runtime.deploy.manifest import ROOT, BundleManifest, Service
+from swarm_ctl.runtime.deploy.report import HostReport, ReportedState, ServiceReport
 from swarm_ctl.runtime.deploy.serial_port import serial_port
 from swarm_ctl.runtime.deploy.services import Services, services_of
 from swarm_ctl.runtime.deploy.units import units_of
@@ -173,11 +173,11 @@ class Host:
 
     def _state(self, service: Service) -> ServiceReport:
         if self.services.runs(service):
-            return ServiceReport(name=service.name, state=State.RUNNING)
+            return ServiceReport(name=service.name, state=ReportedState.RUNNING)
         flight = self.root / "flight"
         said = last_line(flight / f"{service.name}.log")
         if not said or service.name == "router":
-            return ServiceReport(name=service.name, state=State.STOPPED, said=said)
+            return ServiceReport(name=service.name, state=ReportedState.STOPPED, said=said)
         try:
             outcome = _STATUS.validate_json(
                 read_bytes(flight / f"{service.name}.json", _MOST_BYTES)
@@ -185,16 +185,16 @@ class Host:
         except (OSError, ValidationError):
             outcome = Outcome.FAILED  # it has not come to its last status
         ended = outcome in (Outcome.COMPLETED, Outcome.ABORTED)
-        state = State.ENDED if ended else State.FAILED
+        state = ReportedState.ENDED if ended else ReportedState.FAILED
         return ServiceReport(name=service.name, state=state, said=said)
 
-    def _services(self, manifest: Manifest) -> Iterator[Service]:
+    def _services(self, manifest: BundleManifest) -> Iterator[Service]:
         return manifest.services(str(self.root))
 
-    def _manifest(self, link: str) -> Manifest:
+    def _manifest(self, link: str) -> BundleManifest:
         path = self.root / link / MANIFEST
         try:
-            return Manifest.model_validate_json(read_bytes(path, _MOST_BYTES))
+            return BundleManifest.model_validate_json(read_bytes(path, _MOST_BYTES))
         except FileNotFoundError:
             raise InputError(
                 f"{self.root}: nothing was deployed here; allowed: after swarm-ctl deploy"

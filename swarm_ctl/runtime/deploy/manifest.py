@@ -14,7 +14,7 @@ ROOT: Final = ".local/share/swarm-ctl/host"
 """All that a host has of a deployment, in its user's home."""
 
 
-class Manifest(BaseModel):
+class BundleManifest(BaseModel):
     """What a bundle is and runs. A bundle may come from elsewhere, and the host makes its units of
     this: each word that may stand in one is of letters, digits and `_.-:/[]` alone, which mean
     nothing to systemd."""

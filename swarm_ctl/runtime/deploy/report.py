@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 _Words: TypeAlias = Annotated[str, Field(max_length=2000)]
 
 
-class State(StrEnum):
+class ReportedState(StrEnum):
     """How one process of a host stands."""
 
     RUNNING = "running"
@@ -25,7 +25,7 @@ class ServiceReport(BaseModel):
     """One process."""
 
     name: _Words
-    state: State
+    state: ReportedState
     said: _Words = ""
     """Its last line, of one that does not run."""
 
@@ -52,4 +52,4 @@ class HostReport(BaseModel):
     @property
     def running(self) -> tuple[str, ...]:
         """The processes that run, landing ones among them."""
-        return tuple(each.name for each in self.services if each.state is State.RUNNING)
+        return tuple(each.name for each in self.services if each.state is ReportedState.RUNNING)

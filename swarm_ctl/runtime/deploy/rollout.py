@@ -17,8 +17,8 @@ from swarm_ctl import __version__
 from swarm_ctl.runtime.clock import pause, wall_s
 from swarm_ctl.runtime.deploy.bundle import Bundle
 from swarm_ctl.runtime.deploy.logs import MOST_BYTES
-from swarm_ctl.runtime.deploy.report import HostReport, State
-from swarm_ctl.runtime.deploy.ssh import Answer, Reach, Ssh
+from swarm_ctl.runtime.deploy.report import HostReport, ReportedState
+from swarm_ctl.runtime.deploy.ssh import Reach, Ssh, SshResult
 
 _ASK_S: Final = 30.0
 """For an answer: a small computer takes some seconds to start Python."""
@@ -51,7 +51,7 @@ class HostState:
         return self.report is not None and bool(self.report.running)
 
     @property
-    def agents(self) -> dict[str, State]:
+    def agents(self) -> dict[str, ReportedState]:
         """How its agents stand."""
         services = self.report.services if self.report else ()
         return {s.name: s.state for s in services if s.name.startswith("agent-")}
@@ -62,7 +62,7 @@ def parted(states: Mapping[str, HostState], bundles: Mapping[str, Bundle]) -> st
     off below them."""
     flies, stands = [], []
     for host, state in states.items():
-        runs = [name for name, how in state.agents.items() if how is State.RUNNING]
+        runs = [name for name, how in state.agents.items() if how is ReportedState.RUNNING]
         flies += [f"{host}: {name}" for name in runs]
         agents = {f"agent-{i}" for i in bundles[host].manifest.agents}
         stands += [f"{host}: {name}" for name in sorted(agents - set(runs))]
@@ -95,11 +95,11 @@ class Hosts:
         words = ["stop", "--within", f"{within_s:g}"]
         return self._states(self.names, words, within_s + _ASK_S)
 
-    def logs(self, out: Mapping[str, IO[bytes]], *, every: bool) -> dict[str, Answer]:
+    def logs(self, out: Mapping[str, IO[bytes]], *, every: bool) -> dict[str, SshResult]:
         """Write a tar of each host's logs to its file in `out`."""
         words = ["logs", "--all"] if every else ["logs"]
 
-        def one(host: str) -> Answer:
+        def one(host: str) -> SshResult:
             return self._ssh.ask(host, words, _SEND_S * 5, out=out[host], most=_MOST_TAR)
 
         return self._each(self.names, one)
@@ -163,7 +163,7 @@ class Hosts:
 
     def _ask(
         self, hosts: Sequence[str], words: Sequence[str], within_s: float
-    ) -> dict[str, Answer]:
+    ) -> dict[str, SshResult]:
         return self._each(hosts, lambda host: self._ssh.ask(host, words, within_s))
 
     def _each(self, hosts: Sequence[str], act: Callable[[str], _T]) -> dict[str, _T]:
@@ -171,7 +171,7 @@ class Hosts:
             return dict(zip(hosts, pool.map(act, hosts), strict=True))
 
 
-def _state(answer: Answer, host: str) -> HostState:
+def _state(answer: SshResult, host: str) -> HostState:
     """What a host's answer to a call says."""
     if answer.reach is Reach.MISSING:
         words = f"has no swarm-ctl in its PATH: ssh {host} pip install swarm-ctl=={__version__}"

@@ -53,7 +53,7 @@ class Reach(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class SshResult:
     """What came of one call."""
 
     reach: Reach
@@ -87,7 +87,7 @@ class Ssh:
         data: bytes = b"",
         out: IO[bytes] | None = None,
         most: int = _MOST_REPORT,
-    ) -> Answer:
+    ) -> SshResult:
         """Run `swarm-ctl on-host WORDS` there with `data` as its input, at most `within_s`. What it
         answers goes to `out`, if that is given; of more than `most` bytes, ssh is ended and the
         answer is FAILED.
@@ -113,15 +113,15 @@ class Ssh:
                 try:
                     code, said = _read(process, answered, most, wall_s() + within_s)
                 except TimeoutError:
-                    return Answer(Reach.OFFLINE, words=f"no answer for {within_s:g} s")
+                    return SshResult(Reach.OFFLINE, words=f"no answer for {within_s:g} s")
                 except OverflowError:
                     text = f"answers more than {most / 1e6:g} MB; allowed: less"
-                    return Answer(Reach.FAILED, words=text)
+                    return SshResult(Reach.FAILED, words=text)
                 finally:
                     process.kill()
         last = printable(said.decode(errors="replace").strip().split("\n")[-1].strip(), _WORDS)
         whole = answered.getvalue() if isinstance(answered, io.BytesIO) else b""
-        return Answer(_reach(code, last), whole, last)
+        return SshResult(_reach(code, last), whole, last)
 
 
 def _read(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from swarm_ctl.runtime.deploy.manifest import ROOT, Manifest
+from swarm_ctl.runtime.deploy.manifest import ROOT, BundleManifest
 
 _AGENT_UNIT: Final = "swarm-ctl-agent@.service"
 _ROUTER_UNIT: Final = "swarm-ctl-router.service"
@@ -58,7 +58,7 @@ StandardError=inherit
 """
 
 
-def units_of(manifest: Manifest) -> dict[str, str]:
+def units_of(manifest: BundleManifest) -> dict[str, str]:
     """The unit files of a host by name: the template of its agents, in which `%i` is the agent's
     id, and its router's, if it has one."""
     after = f"After={_ROUTER_UNIT}\nWants={_ROUTER_UNIT}\n" if manifest.router else ""

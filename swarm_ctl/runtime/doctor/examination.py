@@ -14,10 +14,10 @@ from swarm_ctl.core.model.vehicle import VehicleView
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots.failsafe_words import NAMES, failsafe_words
 from swarm_ctl.mavlink.link import Examined, VehicleLink
-from swarm_ctl.mavlink.signing import Signing
+from swarm_ctl.mavlink.signing import LinkSigning
 from swarm_ctl.runtime.link_keys import OPEN, LinkKeys
 from swarm_ctl.runtime.ticker import Ticker
-from swarm_ctl.runtime.vehicle_memory import Entry, VehicleMemory
+from swarm_ctl.runtime.vehicle_memory import RememberedVehicle, VehicleMemory
 
 ANSWERS_S = 3.0
 """A parameter that was asked for this long after the vehicle was first heard is not there."""
@@ -99,10 +99,10 @@ class _Exam:
     agent: FleetAgent
     memory: VehicleMemory
     restore: bool
-    signing: Signing | None
+    signing: LinkSigning | None
     trouble: str = ""
     """Why its endpoint or its memory can't be used."""
-    entry: Entry | None = None
+    entry: RememberedVehicle | None = None
     found: Examined = field(default_factory=lambda: Examined("", {}, {}, frozenset()))
     first_s: float = math.inf
     """When the vehicle was first heard."""

@@ -20,7 +20,7 @@ from swarm_ctl.errors import SwarmError
 from swarm_ctl.runtime.clock import pause, wall_s
 from swarm_ctl.runtime.gcs.config import RELAY_JSON
 from swarm_ctl.runtime.gcs.gcs_socket import GcsSocket
-from swarm_ctl.runtime.gcs.relay import Relay
+from swarm_ctl.runtime.gcs.relay import GcsRelay
 from swarm_ctl.runtime.gcs.vehicle_port import VehiclePort
 
 _TURN_WALL_S: Final = 0.01
@@ -30,7 +30,7 @@ _NICE: Final = 5
 """Agents go first where the machine is busy."""
 
 
-def serve(relay: Relay) -> None:
+def serve(relay: GcsRelay) -> None:
     """Carry frames until the lifeline has ended and all vehicles are down."""
     os.set_blocking(0, False)
     os.set_blocking(1, False)
@@ -76,7 +76,7 @@ def main(arguments: Sequence[str]) -> int:
                 for station in config.stations
             ]
             os.write(1, b'{"ready": true}\n')
-            relay = Relay(ports, sockets)
+            relay = GcsRelay(ports, sockets)
             serve(relay)
             sys.stderr.write(f"{relay.account()}\n")
     except SwarmError as error:

@@ -27,7 +27,7 @@ _CHUNK: Final = 65535
 
 
 @dataclass(slots=True)
-class Peer:
+class GcsClient:
     """One GCS."""
 
     address: Address
@@ -61,15 +61,15 @@ class GcsSocket:
             self._socket.close()
             raise LinkError(f"--gcs {config}: can't be opened: {error}") from error
         named = (self._host, config.port)
-        self._peers = {named: Peer(named, now)}
+        self._peers = {named: GcsClient(named, now)}
         self._named = named
 
     @property
-    def peers(self) -> list[Peer]:
+    def peers(self) -> list[GcsClient]:
         """All GCSs that hear the vehicles."""
         return list(self._peers.values())
 
-    def take(self, now: float) -> Iterator[tuple[Peer, MavlinkFrame]]:
+    def take(self, now: float) -> Iterator[tuple[GcsClient, MavlinkFrame]]:
         """The frames that have come, each with its sender."""
         for _ in range(BURST):
             try:
@@ -84,13 +84,13 @@ class GcsSocket:
                     yield peer, frame
         self._forget(now)
 
-    def _peer(self, sender: Address, now: float) -> Peer:
+    def _peer(self, sender: Address, now: float) -> GcsClient:
         peer = self._peers.get(sender)
         if peer is None:
             learned = [each for each in self.peers if each.address != self._named]
             if len(learned) >= _LEARNED:
                 del self._peers[min(learned, key=lambda each: each.heard_s).address]
-            peer = self._peers[sender] = Peer(sender, now)
+            peer = self._peers[sender] = GcsClient(sender, now)
         peer.heard_s = now
         return peer
 
@@ -108,7 +108,7 @@ class GcsSocket:
                 except OSError:
                     self.unsent += 1
 
-    def answer(self, peer: Peer, frame: bytes) -> None:
+    def answer(self, peer: GcsClient, frame: bytes) -> None:
         """To this one alone."""
         try:
             self._socket.sendto(frame, peer.address)

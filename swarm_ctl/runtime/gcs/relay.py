@@ -12,7 +12,7 @@ from typing import Final
 from swarm_ctl.mavlink.addressed import target_system
 from swarm_ctl.mavlink.framer import MavlinkFrame
 from swarm_ctl.mavlink.outgoing import said_beside
-from swarm_ctl.runtime.gcs.gcs_socket import GcsSocket, Peer
+from swarm_ctl.runtime.gcs.gcs_socket import GcsClient, GcsSocket
 from swarm_ctl.runtime.gcs.throttle import Throttle
 from swarm_ctl.runtime.gcs.vehicle_port import VehiclePort
 
@@ -27,7 +27,7 @@ _SILENT_S: Final = 5.0
 """A vehicle that was not heard for so long has gone."""
 
 
-class Relay:
+class GcsRelay:
     """Carries what has come at each `step`. `notes` are lines for the operator."""
 
     def __init__(self, vehicles: Sequence[VehiclePort], sockets: Sequence[GcsSocket]) -> None:
@@ -55,7 +55,7 @@ class Relay:
         """A vehicle is heard and armed."""
         return any(port.armed and now - port.heard_s < _SILENT_S for port in self._ports.values())
 
-    def _route(self, socket: GcsSocket, peer: Peer, frame: MavlinkFrame, now: float) -> None:
+    def _route(self, socket: GcsSocket, peer: GcsClient, frame: MavlinkFrame, now: float) -> None:
         if not peer.introduced:
             peer.introduced = True
             self.notes.append(f"ground control software at {peer}, system {frame.system}")
@@ -81,7 +81,7 @@ class Relay:
                 self._deny(socket, peer, port, changes, now)
 
     def _deny(
-        self, socket: GcsSocket, peer: Peer, port: VehiclePort, changes: str, now: float
+        self, socket: GcsSocket, peer: GcsClient, port: VehiclePort, changes: str, now: float
     ) -> None:
         sysid = port.config.sysid
         self._warn(peer, f"sets {changes} of vehicle {sysid}, which its agent flies: refused")
@@ -89,14 +89,14 @@ class Relay:
             peer.answered_s = now
             socket.answer(peer, said_beside(sysid, f"refused: {changes} while an agent flies"))
 
-    def _throttle(self, peer: Peer, port: VehiclePort) -> Throttle:
+    def _throttle(self, peer: GcsClient, port: VehiclePort) -> Throttle:
         sysid = port.config.sysid
         if sysid not in peer.throttles:
             rate_hz = SHARED_RATE_HZ if port.config.shared else RATE_HZ
             peer.throttles[sysid] = Throttle(rate_hz, BURST)
         return peer.throttles[sysid]
 
-    def _pass_on(self, peer: Peer, now: float) -> None:
+    def _pass_on(self, peer: GcsClient, now: float) -> None:
         for sysid, throttle in peer.throttles.items():
             port = self._ports[sysid]
             for frame in throttle.take(now):
@@ -107,7 +107,7 @@ class Relay:
                 what = f"sends more than {rate:g} frames a second to vehicle {sysid}"
                 self._warn(peer, f"{what}: the oldest are dropped")
 
-    def _warn(self, peer: Peer, what: str) -> None:
+    def _warn(self, peer: GcsClient, what: str) -> None:
         if what not in peer.told:
             peer.told.add(what)
             self.notes.append(f"ground control software at {peer} {what}")

@@ -17,7 +17,7 @@ from swarm_ctl.runtime.agent import agent_process
 from swarm_ctl.runtime.agent.agent_process import AgentConfig
 from swarm_ctl.runtime.clock import wall_s
 from swarm_ctl.runtime.launch.processes import Child
-from swarm_ctl.runtime.lifeline import ALIVE, READY, Words
+from swarm_ctl.runtime.lifeline import ALIVE, READY, ChildWords
 from swarm_ctl.runtime.radio import link_process
 from swarm_ctl.runtime.radio.link_process import LinkConfig
 from swarm_ctl.runtime.router import router_process
@@ -52,7 +52,7 @@ class ForkedChild(Child):
                 self._process.start()
         self.pid = self._process.pid or 0
         theirs.close()
-        self._words = Words(self._lifeline)
+        self._words = ChildWords(self._lifeline)
         self._heard_wall_s = wall_s()
 
     def words(self) -> list[str]:

@@ -39,7 +39,7 @@ from swarm_ctl.runtime.link_keys import OPEN, LinkKeys
 from swarm_ctl.runtime.ticker import Ticker
 from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory, state_folder
 from swarm_ctl.runtime.vehicles.binaries import find
-from swarm_ctl.runtime.vehicles.order import ORDERS, ORDERS_JSON, Order, Orders
+from swarm_ctl.runtime.vehicles.order import ORDERS, ORDERS_JSON, Orders, VehicleOrder
 from swarm_ctl.runtime.vehicles.vehicles_process import READY_WALL_S
 
 _START_WALL_S = 20.0
@@ -232,7 +232,7 @@ def _simulated(vehicle: FleetAgent, clock: Clock, folder: Path) -> Iterator[str]
 def _autopilot(vehicle: FleetAgent, clock: Clock, folder: Path) -> Iterator[str]:
     """ArduCopter or PX4 itself."""
     kind = vehicle.vehicle
-    order = Order(vehicle.id, vehicle.sysid, kind, find(kind), SOMEWHERE)
+    order = VehicleOrder(vehicle.id, vehicle.sysid, kind, find(kind), SOMEWHERE)
     (folder / ORDERS).write_bytes(ORDERS_JSON.dump_json(Orders(clock.speedup, (order,))))
     child = VehiclesChild(folder, folder / "vehicles.log")
     with _until_down(child, READY_WALL_S):

@@ -21,7 +21,7 @@ from typing import Any, Final
 
 from swarm_ctl.errors import StartError
 from swarm_ctl.runtime.clock import pause, wall_s
-from swarm_ctl.runtime.served import NO_PORTS, Ports
+from swarm_ctl.runtime.served import NO_PORTS, ServedPorts
 from swarm_ctl.runtime.vehicles.autopilots import remove_leftovers
 from swarm_ctl.runtime.vehicles.order import STARTED, STARTED_JSON, Started
 from swarm_ctl.signals import deaf_children
@@ -200,7 +200,7 @@ def simulator(config: Path, log: Path) -> TellingChild:
     return TellingChild("simulator", command, log, "the simulated vehicles are gone")
 
 
-def station(folder: Path, log: Path, show: str, ports: Ports = NO_PORTS) -> CommandChild:
+def station(folder: Path, log: Path, show: str, ports: ServedPorts = NO_PORTS) -> CommandChild:
     """The ground station of a run; it has the terminal."""
     module = "swarm_ctl.runtime.station.station_process"
     command = [sys.executable, "-m", module, "--run", str(folder), "--show", show]

@@ -12,10 +12,10 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing, VehicleKind
+from swarm_ctl.core.model.fleet import Fleet, FleetAgent, SigningPolicy, VehicleKind
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.mesh.access import as_tls
-from swarm_ctl.mesh.zenoh_config import Part, part_in
+from swarm_ctl.mesh.zenoh_config import MeshPart, part_in
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.mission.fleet.exposure import exposures, leaves_loopback, refuse_exposed
 from swarm_ctl.report.folder.manifest import Manifest, package_versions, write_manifest
@@ -39,15 +39,15 @@ from swarm_ctl.runtime.protection import (
 from swarm_ctl.runtime.radio.link_process import LinkConfig
 from swarm_ctl.runtime.router.router_process import RouterConfig
 from swarm_ctl.runtime.script import NO_SCRIPT, AgentScript, RunScript
-from swarm_ctl.runtime.served import NO_PORTS, Ports
+from swarm_ctl.runtime.served import NO_PORTS, ServedPorts
 from swarm_ctl.runtime.station.screens import Show
 from swarm_ctl.runtime.station.scripted_operator import SCRIPT, SCRIPT_JSON
 from swarm_ctl.runtime.vehicle_memory import state_folder
 from swarm_ctl.runtime.vehicles.binaries import find
 from swarm_ctl.runtime.vehicles.homes import start_of
-from swarm_ctl.runtime.vehicles.order import ORDERS, ORDERS_JSON, Order, Orders, Started
+from swarm_ctl.runtime.vehicles.order import ORDERS, ORDERS_JSON, Orders, Started, VehicleOrder
 from swarm_ctl.trust.identity import MAVLINK_KEY
-from swarm_ctl.trust.names import LOOPBACK, Member, member_of
+from swarm_ctl.trust.names import LOOPBACK, KeyHolder, member_of
 
 LINK = "link"
 """The process of a shared radio, with a number behind it."""
@@ -63,7 +63,7 @@ class RunOptions:
     seed: int = 1
     record_hz: dict[str, float] = field(default_factory=dict)
     tlog: bool = True
-    ports: Ports = NO_PORTS
+    ports: ServedPorts = NO_PORTS
     gcs: tuple[tuple[str, int], ...] = ()
     """Where ground control software listens: host and port."""
     binaries: Mapping[VehicleKind, str | None] = field(default_factory=dict)
@@ -189,7 +189,7 @@ class RunSetup:
     def link_configs(self) -> list[LinkConfig]:
         """Of each radio that agents share."""
         manifest = self.manifest
-        signed = manifest.signing is Signing.REQUIRED
+        signed = manifest.signing is SigningPolicy.REQUIRED
         return [
             LinkConfig(agents, signed, log=self.folder / f"{LINK}-{k}.log")
             for k, agents in enumerate(Fleet(manifest.fleet).radios().values(), start=1)
@@ -224,7 +224,7 @@ class RunSetup:
             lockstep=manifest.lockstep,
             identity=agent_identity_folder(manifest.trust, agent.id),
             # An autopilot that the run itself starts has no key, and ends with it.
-            signing=manifest.signing if agent.id not in ordered else Signing.OFF,
+            signing=manifest.signing if agent.id not in ordered else SigningPolicy.OFF,
             same_clock=self._same_clock(agent.id),
             script=scripts.get(agent.id, NO_SCRIPT),
             zenoh=manifest.zenoh,
@@ -259,7 +259,7 @@ class RunSetup:
         for agent, vehicle in zip(vehicles, config["vehicles"], strict=True):
             vehicle["also"] = self.ground_control.further[agent.id]
             keys = agent_identity_folder(manifest.trust, agent.id)
-            if keys is not None and manifest.signing is Signing.REQUIRED:
+            if keys is not None and manifest.signing is SigningPolicy.REQUIRED:
                 vehicle["signing_key_path"] = str(keys / MAVLINK_KEY)
         config |= {
             "speedup": manifest.speedup,
@@ -306,7 +306,7 @@ class RunSetup:
         return self.ground_control.table(self.manifest.fleet, kinds)
 
 
-def _orders(mission: LoadedMission, options: RunOptions) -> tuple[Order, ...]:
+def _orders(mission: LoadedMission, options: RunOptions) -> tuple[VehicleOrder, ...]:
     """One for each agent whose vehicle is an autopilot itself."""
     plan, agents = mission.plan, mission.fleet.agents
     kinds = {a.started_as for a in agents} - {None, VehicleKind.SIMULATED}
@@ -315,7 +315,9 @@ def _orders(mission: LoadedMission, options: RunOptions) -> tuple[Order, ...]:
     for agent in agents:
         if agent.started_as in binaries:
             at, kind = start_of(plan, agent.id), agent.vehicle
-            order = Order(agent.id, agent.sysid, kind, binaries[kind], at, logs=options.px4_log)
+            order = VehicleOrder(
+                agent.id, agent.sysid, kind, binaries[kind], at, logs=options.px4_log
+            )
             found.append(order)
     return tuple(found)
 
@@ -338,7 +340,7 @@ def _refuse_lockstep(agents: Sequence[FleetAgent]) -> None:
 
 def _exposed_stations(fleet: Fleet, gcs: Sequence[tuple[str, int]]) -> list[str]:
     """Ground control software on other computers, which could command vehicles without keys."""
-    if fleet.signing is Signing.REQUIRED:
+    if fleet.signing is SigningPolicy.REQUIRED:
         return []
     return [
         f"--gcs {host}:{port} commands the vehicles"
@@ -364,10 +366,10 @@ def _router(agents: Sequence[FleetAgent]) -> str | None:
     return named[0]
 
 
-def _router_place(mission: LoadedMission) -> dict[Member, str | None]:
+def _router_place(mission: LoadedMission) -> dict[KeyHolder, str | None]:
     """The member that routes, and where; none in a mesh of peers. TrustError where the fleet's
     trust has none for that address."""
-    if part_in(mission.plan, mission.fleet.routers) is Part.PEER:
+    if part_in(mission.plan, mission.fleet.routers) is MeshPart.PEER:
         return {}
     at = _router(mission.fleet.agents)
     folder = router_identity_folder(mission.fleet.trust, at or f"tcp/{LOOPBACK}:1")
@@ -381,7 +383,7 @@ def _manifest(mission: LoadedMission, options: RunOptions) -> Manifest:
     simulated = [agent.id for agent in agents if agent.started_as is VehicleKind.SIMULATED]
     local = simulated + [agent.id for agent in agents if agent.radio]
     ports = dict(zip(local, free_ports(len(local), socket.SOCK_DGRAM), strict=True))
-    routed = part_in(mission.plan, mission.fleet.routers) is Part.CLIENT
+    routed = part_in(mission.plan, mission.fleet.routers) is MeshPart.CLIENT
     missing = 0 if routed else sum(agent.mesh is None for agent in agents)
     meshes = [f"tcp/127.0.0.1:{port}" for port in free_ports(missing + 1, socket.SOCK_STREAM)]
     trust = mission.fleet.trust

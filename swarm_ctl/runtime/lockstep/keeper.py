@@ -17,8 +17,8 @@ from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.lockstep.words import (
     LONGEST,
     Done,
-    Phase,
-    Tick,
+    TickPhase,
+    TickWord,
     Word,
     pack_json,
     pack_tick,
@@ -48,7 +48,7 @@ class Rules:
     """The clock does not wait longer for a member."""
 
 
-class State(IntEnum):
+class KeeperState(IntEnum):
     """What a member does."""
 
     JOINING = 0
@@ -62,23 +62,23 @@ class State(IntEnum):
 
 
 @dataclass(slots=True, eq=False)
-class Member:
+class KeptMember:
     """One process at the barrier."""
 
     socket: socket.socket
     number: int = -1
     name: str = ""
-    phase: Phase = Phase.SWARM
+    phase: TickPhase = TickPhase.SWARM
     port: int = 0
     """Its end of the vehicle's link; 0: it has none, so it is no agent."""
-    state: State = State.JOINING
+    state: KeeperState = KeeperState.JOINING
     anew: bool = True
     since_wall_s: float = 0.0
 
     @property
     def live(self) -> bool:
         """It takes part."""
-        return self.state in (State.IDLE, State.RUNNING)
+        return self.state in (KeeperState.IDLE, KeeperState.RUNNING)
 
 
 class _Stage(IntEnum):
@@ -104,7 +104,7 @@ class Keeper:
         self._listener.setblocking(False)
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._listener, selectors.EVENT_READ, self._accept)
-        self._members: list[Member] = []
+        self._members: list[KeptMember] = []
         self._missing = list(rules.expected)
         self._numbers = len(rules.expected)
         self._stage = _Stage.START
@@ -151,11 +151,11 @@ class Keeper:
             connected.close()
             return
         connected.setblocking(False)
-        member = Member(connected)
+        member = KeptMember(connected)
         self._members.append(member)
         self._selector.register(connected, selectors.EVENT_READ, lambda _: self._hear(member))
 
-    def _hear(self, member: Member) -> None:
+    def _hear(self, member: KeptMember) -> None:
         try:
             data = member.socket.recv(LONGEST)
         except BlockingIOError:
@@ -170,24 +170,24 @@ class Keeper:
         except (ValueError, KeyError, struct.error):  # no member of ours
             self._leave(member)
 
-    def _take(self, member: Member, data: bytes) -> None:
+    def _take(self, member: KeptMember, data: bytes) -> None:
         match data[0]:
             case Word.DONE:
                 self._done(member, read_done(data))
             case Word.JOIN:
                 self._join(member, read_json(data))
             case Word.READY:
-                member.state = State.IDLE
+                member.state = KeeperState.IDLE
             case Word.NOTE:
                 self._note(f"{member.name}: {data[1:].decode()}")
             case Word.DROP:
-                self._put(data[1:].decode(), State.STALLED)
+                self._put(data[1:].decode(), KeeperState.STALLED)
             case Word.TAKE:
-                self._put(data[1:].decode(), State.IDLE)
+                self._put(data[1:].decode(), KeeperState.IDLE)
 
-    def _join(self, member: Member, fields: dict[str, Any]) -> None:
+    def _join(self, member: KeptMember, fields: dict[str, Any]) -> None:
         member.name, member.port = fields["name"], fields["port"]
-        member.phase = Phase(fields["phase"])
+        member.phase = TickPhase(fields["phase"])
         if member.name in self._missing:
             self._missing.remove(member.name)
             member.number = self._rules.expected.index(member.name)
@@ -199,24 +199,24 @@ class Keeper:
         about = {"tick_s": self._rules.tick_s, "tick": self._tick, "late": started}
         self._send(member, pack_json(Word.WELCOME, number=member.number, others=others, **about))
 
-    def _leave(self, member: Member) -> None:
+    def _leave(self, member: KeptMember) -> None:
         self._selector.unregister(member.socket)
         member.socket.close()
         self._members.remove(member)
         if member.name in self._missing:
             self._missing.remove(member.name)
 
-    def _done(self, member: Member, done: Done) -> None:
-        if member.state is State.STALLED:
+    def _done(self, member: KeptMember, done: Done) -> None:
+        if member.state is KeeperState.STALLED:
             member.anew = True
             self._note(f"{member.name} is back; it takes part again from {self._time()}")
         self._dones[member.number] = done
-        member.state = State.LEFT if done.last else State.IDLE
+        member.state = KeeperState.LEFT if done.last else KeeperState.IDLE
 
-    def _put(self, name: str, state: State) -> None:
+    def _put(self, name: str, state: KeeperState) -> None:
         """A test holds the clock, so the member waits for its next tick."""
         for member in self._members:
-            if member.name == name and member.state in (State.IDLE, State.STALLED):
+            if member.name == name and member.state in (KeeperState.IDLE, KeeperState.STALLED):
                 member.state, member.anew = state, True
 
     def _look_after(self) -> None:
@@ -227,13 +227,15 @@ class Keeper:
         self._tell_wall_s = now + _TELL_WALL_S
         patience = self._rules.patience_wall_s
         for member in self._members:
-            joined = member.state is State.JOINING and member.number >= 0  # its welcome is sent
-            if joined or member.state is State.IDLE:
+            joined = (
+                member.state is KeeperState.JOINING and member.number >= 0
+            )  # its welcome is sent
+            if joined or member.state is KeeperState.IDLE:
                 self._send(member, bytes([Word.WAIT]))
-            if member.state is not State.RUNNING or member.phase is Phase.AFTER:
+            if member.state is not KeeperState.RUNNING or member.phase is TickPhase.AFTER:
                 continue
             if now - member.since_wall_s > patience:
-                member.state = State.STALLED
+                member.state = KeeperState.STALLED
                 self._note(
                     f"{member.name} has not done its tick for {patience:g} s of the wall clock:"
                     f" mission time goes on without it from {self._time()}"
@@ -255,25 +257,27 @@ class Keeper:
         while True:
             match self._stage:
                 case _Stage.START:
-                    joining = any(m.state is State.JOINING for m in self._members)
+                    joining = any(m.state is KeeperState.JOINING for m in self._members)
                     if self._missing or joining or not self._members:
                         return
                     self._stage = _Stage.NEXT
                 case _Stage.WORLD:
-                    if self._running(Phase.WORLD, Phase.SWARM):
+                    if self._running(TickPhase.WORLD, TickPhase.SWARM):
                         return
-                    self._grant(Phase.SWARM, self._tick - 1)
+                    self._grant(TickPhase.SWARM, self._tick - 1)
                     self._stage = _Stage.SWARM
                 case _Stage.SWARM:
-                    running = self._running(Phase.SWARM)
+                    running = self._running(TickPhase.SWARM)
                     if any(m.port for m in running):
                         return
-                    if running and any(m.live and m.phase is Phase.AFTER for m in self._members):
+                    if running and any(
+                        m.live and m.phase is TickPhase.AFTER for m in self._members
+                    ):
                         return
-                    self._grant(Phase.AFTER, self._tick)
+                    self._grant(TickPhase.AFTER, self._tick)
                     self._stage = _Stage.AFTER
                 case _Stage.AFTER:
-                    if self._running(Phase.AFTER):
+                    if self._running(TickPhase.AFTER):
                         return
                     self._stage = _Stage.NEXT
                 case _Stage.NEXT:
@@ -285,7 +289,7 @@ class Keeper:
         if not any(m.live for m in self._members):
             self._due_wall_s = math.inf
             return False
-        alone = not any(m.port or m.phase is Phase.WORLD for m in self._members)
+        alone = not any(m.port or m.phase is TickPhase.WORLD for m in self._members)
         factor = _STATIONS_FACTOR if alone else self._rules.factor
         now = wall.wall_s()
         if factor is not None:
@@ -298,14 +302,14 @@ class Keeper:
         self._dones = {i: d for i, d in self._dones.items() if d.number == self._tick}
         self._tick += 1
         self._stage = _Stage.WORLD
-        self._grant(Phase.WORLD, self._tick - 1)
+        self._grant(TickPhase.WORLD, self._tick - 1)
         return True
 
-    def _running(self, *phases: Phase) -> Iterable[Member]:
-        return [m for m in self._members if m.state is State.RUNNING and m.phase in phases]
+    def _running(self, *phases: TickPhase) -> Iterable[KeptMember]:
+        return [m for m in self._members if m.state is KeeperState.RUNNING and m.phase in phases]
 
-    def _grant(self, phase: Phase, heard: int) -> None:
-        ready = [m for m in self._members if m.state is State.IDLE and m.phase is phase]
+    def _grant(self, phase: TickPhase, heard: int) -> None:
+        ready = [m for m in self._members if m.state is KeeperState.IDLE and m.phase is phase]
         if not ready:
             return
         agents = sum(m.live and m.port > 0 for m in self._members)
@@ -313,27 +317,27 @@ class Keeper:
         published = [(i, *item) for i, done in dones.items() for item in done.published.items()]
         counts = {port: n for done in self._datagrams(phase) for port, n in done.datagrams.items()}
         packed = {
-            anew: pack_tick(Tick(self._tick, heard, anew, agents, published, counts))
+            anew: pack_tick(TickWord(self._tick, heard, anew, agents, published, counts))
             for anew in {m.anew for m in ready}
         }
         now = wall.wall_s()
         for member in ready:
-            member.state, member.since_wall_s = State.RUNNING, now
+            member.state, member.since_wall_s = KeeperState.RUNNING, now
             self._send(member, packed[member.anew])
             member.anew = False
 
-    def _datagrams(self, phase: Phase) -> Iterable[Done]:
+    def _datagrams(self, phase: TickPhase) -> Iterable[Done]:
         """Of the vehicles' links, what the other side has sent in its newest turn."""
-        world = {m.number for m in self._members if m.phase is Phase.WORLD}
-        newest = self._tick - (phase is Phase.WORLD)
+        world = {m.number for m in self._members if m.phase is TickPhase.WORLD}
+        newest = self._tick - (phase is TickPhase.WORLD)
         return [
             done
             for i, done in self._dones.items()
-            if done.number == newest and (i in world) is not (phase is Phase.WORLD)
+            if done.number == newest and (i in world) is not (phase is TickPhase.WORLD)
         ]
 
     @staticmethod
-    def _send(member: Member, data: bytes) -> None:
+    def _send(member: KeptMember, data: bytes) -> None:
         try:
             member.socket.send(data)
         except OSError:  # it is gone, or does not read: its end of file or its silence tells

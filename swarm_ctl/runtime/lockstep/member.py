@@ -13,8 +13,8 @@ from swarm_ctl.runtime.clock import Clock
 from swarm_ctl.runtime.lockstep.words import (
     LONGEST,
     Done,
-    Phase,
-    Tick,
+    TickPhase,
+    TickWord,
     Word,
     pack_done,
     pack_json,
@@ -54,13 +54,13 @@ class SteppedClock(Clock):
             self._now = None
 
 
-class Member:
+class LockstepMember:
     """Joins the keeper at `address` as `name`; StartError where there is none.
 
     `port`: the UDP port that an agent speaks to its vehicle from.
     """
 
-    def __init__(self, address: str, name: str, phase: Phase, port: int = 0) -> None:
+    def __init__(self, address: str, name: str, phase: TickPhase, port: int = 0) -> None:
         self._socket = packets()
         self._wall_s = wall.wall_s()
         try:
@@ -91,7 +91,7 @@ class Member:
         """Every member that has to be heard is."""
         self._send(bytes([Word.READY]))
 
-    def wait(self, wall_seconds: float) -> Tick | None:
+    def wait(self, wall_seconds: float) -> TickWord | None:
         """The next tick to run; None: not yet. KeeperGoneError at its end, or when it is silent."""
         data = self._receive(wall_seconds)
         if data and data[0] == Word.TICK:

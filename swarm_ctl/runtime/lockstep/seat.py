@@ -16,8 +16,8 @@ from swarm_ctl.mesh.stepped_transport import MarkedTransport, SteppedTransport
 from swarm_ctl.mesh.transport import Transport
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.clock import Clock
-from swarm_ctl.runtime.lockstep.member import KeeperGoneError, Member, SteppedClock
-from swarm_ctl.runtime.lockstep.words import Phase, Tick
+from swarm_ctl.runtime.lockstep.member import KeeperGoneError, LockstepMember, SteppedClock
+from swarm_ctl.runtime.lockstep.words import TickPhase, TickWord
 from swarm_ctl.runtime.ticker import Ticker
 
 _LATE_WALL_S, _LATE_MOST_WALL_S = 2.0, 4.0
@@ -98,7 +98,7 @@ class Seat:
         """Leave."""
 
 
-def seat(lockstep: str | None, phase: Phase, epoch_s: float, speedup: float) -> Seat:
+def seat(lockstep: str | None, phase: TickPhase, epoch_s: float, speedup: float) -> Seat:
     """In real time, or at the barrier of the keeper at the address `lockstep`."""
     if lockstep is None:
         return Seat(Clock(epoch_s, speedup))
@@ -110,14 +110,14 @@ class BarrierSeat(Seat):
 
     repeats = True
 
-    def __init__(self, address: str, phase: Phase, speedup: float) -> None:
+    def __init__(self, address: str, phase: TickPhase, speedup: float) -> None:
         self._address, self._phase = address, phase
         self._stepped = SteppedClock(speedup)
         super().__init__(self._stepped)
         self.mesh_speedup = SLOW
         self._wire: SteppedWire | None = None
         self._mesh: SteppedTransport | None = None
-        self.member: Member | None = None
+        self.member: LockstepMember | None = None
         self._hello: Callable[[], None] = lambda: None
         self._hello_wall_s = 0.0
         self._assembled = False
@@ -139,7 +139,7 @@ class BarrierSeat(Seat):
 
     def join(self, name: str, swarm: str, node: int | str) -> None:
         port = self._wire.port if self._wire else 0
-        self.member = member = Member(self._address, name, self._phase, port)
+        self.member = member = LockstepMember(self._address, name, self._phase, port)
         channels = [c for c in CHANNELS if c.publisher == _publisher(name)]
         self._hello = lambda: self._say_hello(swarm, node, channels)
         self._speaks = (swarm, node) if _publisher(name) == STATE.publisher else None
@@ -169,14 +169,14 @@ class BarrierSeat(Seat):
             self._assembled = True
             member.ready()
 
-    def _hello_again(self, member: Member) -> None:
+    def _hello_again(self, member: LockstepMember) -> None:
         """On the channel that others may follow."""
         if self._mesh is not None and self._speaks is not None:
             self._mesh.begin(member.number, 0)
             self._mesh.hello(*self._speaks, [STATE])
             self._mesh.begin(member.number, member.tick + 1)
 
-    def _hears_all(self, mesh: SteppedTransport, member: Member) -> bool:
+    def _hears_all(self, mesh: SteppedTransport, member: LockstepMember) -> bool:
         """Whether every other member's hello has come, on each channel; those that fly already say
         none, so any message of theirs counts."""
         members: dict[str, list[int]] = {"agent": [], "station": []}
@@ -206,7 +206,7 @@ class BarrierSeat(Seat):
             return True
         return tick is not None
 
-    def _next(self, member: Member, wall_seconds: float) -> Tick | None:
+    def _next(self, member: LockstepMember, wall_seconds: float) -> TickWord | None:
         if self._assembled and member.tick:
             tick = member.wait(min(wall_seconds, _AGAIN_WALL_S))
             if tick is None:
@@ -215,7 +215,7 @@ class BarrierSeat(Seat):
         self._hello()
         return member.wait(min(wall_seconds, _HELLO_WALL_S))
 
-    def _take(self, member: Member, tick: Tick) -> None:
+    def _take(self, member: LockstepMember, tick: TickWord) -> None:
         self._stepped.set(tick.number * member.tick_s)
         self.agents, self._published = tick.agents, tick.published
         mesh, wire, now = self._mesh, self._wire, self.clock.now()
@@ -230,7 +230,7 @@ class BarrierSeat(Seat):
             mesh.begin(member.number, tick.number)
         self._in_turn = True
 
-    def _gather(self, member: Member, tick: Tick) -> None:
+    def _gather(self, member: LockstepMember, tick: TickWord) -> None:
         """Wait for what belongs to the tick; what is later is noted, and comes when it comes."""
         until, mesh, wire = wall.wall_s() + _late_wall_s(member), self._mesh, self._wire
         while True:
@@ -265,7 +265,7 @@ class BarrierSeat(Seat):
         if mesh is not None:  # what is said between two ticks belongs to the next one
             mesh.begin(member.number, member.tick + 1)
 
-    def _prove(self, member: Member, mesh: SteppedTransport) -> None:
+    def _prove(self, member: LockstepMember, mesh: SteppedTransport) -> None:
         """Before all go on, be sure that what was subscribed to comes: its way through the mesh
         takes a time that no tick knows."""
         until = wall.wall_s() + _late_wall_s(member)
@@ -310,16 +310,16 @@ class BarrierSeat(Seat):
             self.member.close()
 
 
-def _crowd(member: Member) -> float:
+def _crowd(member: LockstepMember) -> float:
     """By how many times the members are more than `_CROWD`; 1: they are not."""
     return max(1.0, len(member.others) / _CROWD)
 
 
-def _late_wall_s(member: Member) -> float:
+def _late_wall_s(member: LockstepMember) -> float:
     return min(_LATE_MOST_WALL_S, _LATE_WALL_S * _crowd(member))
 
 
-def _pause(member: Member, lacking: int = 0) -> None:
+def _pause(member: LockstepMember, lacking: int = 0) -> None:
     """Until the next look at what has come."""
     wall.pause(_LOOK_WALL_S * max(lacking / _FEW, _crowd(member) ** 2))
 

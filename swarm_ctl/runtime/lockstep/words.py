@@ -28,7 +28,7 @@ class Word(IntEnum):
     READY = 3
     """It hears every member that it has to hear."""
     TICK = 4
-    """The keeper: run this tick (`Tick`)."""
+    """The keeper: run this tick (`TickWord`)."""
     DONE = 5
     """A member: it has run this tick (`Done`)."""
     WAIT = 6
@@ -41,7 +41,7 @@ class Word(IntEnum):
     """A test: the member with this name takes part again."""
 
 
-class Phase(IntEnum):
+class TickPhase(IntEnum):
     """When in a tick a member has its turn."""
 
     WORLD = 0
@@ -52,7 +52,7 @@ class Phase(IntEnum):
     """A test: alone, after all agents. It hears what they published in this tick."""
 
 
-class Tick(NamedTuple):
+class TickWord(NamedTuple):
     """Run a tick. Messages of the ticks up to `heard` belong to it; those of the last of these are
     listed, and must be waited for."""
 
@@ -85,19 +85,19 @@ _COUNT: Final = struct.Struct("<BH")
 _PORT: Final = struct.Struct("<HI")
 
 
-def pack_tick(tick: Tick) -> bytes:
+def pack_tick(tick: TickWord) -> bytes:
     """As a packet."""
     listed = tick.published
     head = _TICK.pack(Word.TICK, tick.number, tick.heard, tick.anew, tick.agents, len(listed))
     return head + b"".join([_PUBLISHED.pack(*p) for p in listed]) + _ports(tick.datagrams)
 
 
-def read_tick(data: bytes) -> Tick:
+def read_tick(data: bytes) -> TickWord:
     """Of a packet."""
     _, number, heard, anew, agents, count = _TICK.unpack_from(data)
     end = _TICK.size + count * _PUBLISHED.size
     published = list(_PUBLISHED.iter_unpack(data[_TICK.size : end]))
-    return Tick(number, heard, anew, agents, published, dict(_PORT.iter_unpack(data[end:])))
+    return TickWord(number, heard, anew, agents, published, dict(_PORT.iter_unpack(data[end:])))
 
 
 def pack_done(done: Done) -> bytes:

@@ -22,7 +22,7 @@ from swarm_ctl.runtime.forked import serve_forked
 from swarm_ctl.runtime.lifeline import ALIVE, READY, Lifeline
 from swarm_ctl.runtime.radio.agent_port import AgentPort
 from swarm_ctl.runtime.radio.load import RadioLoad
-from swarm_ctl.runtime.radio.switch import Place, Switch
+from swarm_ctl.runtime.radio.switch import RadioRoute, Switch
 
 _TURN_WALL_S: Final = 0.005
 """A tenth of a tick: so much later is a setpoint."""
@@ -99,10 +99,10 @@ def _port(agent: FleetAgent, opened: ExitStack) -> AgentPort:
     return opened.enter_context(closing(AgentPort(agent.id, port)))
 
 
-def _place(agent: FleetAgent, port: AgentPort, config: LinkConfig) -> Place:
+def _place(agent: FleetAgent, port: AgentPort, config: LinkConfig) -> RadioRoute:
     if agent.radio is None:
         raise LinkError(f"agent {agent.id} shares no radio")
-    return Place(agent, port, budget(agent.radio, agent.autopilot, signed=config.signed).hz)
+    return RadioRoute(agent, port, budget(agent.radio, agent.autopilot, signed=config.signed).hz)
 
 
 def told(text: str) -> None:

@@ -25,7 +25,7 @@ meanwhile: it is not new, and would look new."""
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class RadioRoute:
     """An agent at the link."""
 
     agent: FleetAgent
@@ -65,7 +65,7 @@ class _Ear:
 class _Port:
     """An agent, its vehicle, and what has passed between them."""
 
-    def __init__(self, place: Place) -> None:
+    def __init__(self, place: RadioRoute) -> None:
         self.agent, self.wire = place.agent, place.wire
         self.ear = _Ear(place.wire)
         self.lane = Lane(place.setpoint_hz)
@@ -93,7 +93,9 @@ class _Port:
 class Switch:
     """Joins a radio and its agents; `turn` is to be called every few milliseconds."""
 
-    def __init__(self, radio: Wire, places: Sequence[Place], name: str, bytes_per_s: int) -> None:
+    def __init__(
+        self, radio: Wire, places: Sequence[RadioRoute], name: str, bytes_per_s: int
+    ) -> None:
         self._name, self._bytes_per_s = name, bytes_per_s
         self._ports = {place.agent.id: _Port(place) for place in places}
         self._by_system = {port.agent.sysid: port for port in self._ports.values()}

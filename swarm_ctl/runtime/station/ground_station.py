@@ -29,7 +29,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.access import station_name
 from swarm_ctl.mesh.node import Node
-from swarm_ctl.mesh.zenoh_config import Part
+from swarm_ctl.mesh.zenoh_config import MeshPart
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.recording.run_recorder import RunRecorder
@@ -81,7 +81,7 @@ def open_node(
     role: str = "station",
     place: Seat | None = None,
     identity: Identity | None = None,
-    part: Part = Part.PEER,
+    part: MeshPart = MeshPart.PEER,
     plan: bytes | None = None,
     own: Mapping[str, Any] | None = None,
 ) -> Node:

@@ -20,7 +20,7 @@ from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.flying_runs import ended
 from swarm_ctl.runtime.foxglove.recorders import LiveRecorder, foxglove_on
 from swarm_ctl.runtime.protection import NO_KEYS, Keys, explained, station_identity
-from swarm_ctl.runtime.served import Ports
+from swarm_ctl.runtime.served import ServedPorts
 from swarm_ctl.runtime.station.ground_station import Station, open_node
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
 from swarm_ctl.runtime.station.screens import Show, possible, present
@@ -34,7 +34,7 @@ _QUIET_WALL_S: Final = 5.0
 _ALARMS: Final = "alarms from now on"
 
 
-def join_run(folder: Path, show: Show, ports: Ports, keys: Keys = NO_KEYS) -> None:
+def join_run(folder: Path, show: Show, ports: ServedPorts, keys: Keys = NO_KEYS) -> None:
     """Watch and command a run of this machine; ends with the screen. `keys`: those of the command
     line; without, those and the zenoh settings with which it is flown."""
     manifest = read_manifest(folder)
@@ -98,14 +98,14 @@ def open_swarm(swarm: SwarmMesh) -> Iterator[Station]:
         yield Station(plan, source, node, swarm.clock, memory=memory, protection=seen)
 
 
-def join_swarm(swarm: SwarmMesh, show: Show, ports: Ports) -> None:
+def join_swarm(swarm: SwarmMesh, show: Show, ports: ServedPorts) -> None:
     """Watch and command a swarm that flies on any host; ends with the screen."""
     with open_swarm(swarm) as station:
         _watch(station, GuestControl(swarm.hint), show, ports, wall.unix_s())
 
 
 def _watch(
-    station: Station, control: GuestControl, show: Show, ports: Ports, start_s: float
+    station: Station, control: GuestControl, show: Show, ports: ServedPorts, start_s: float
 ) -> None:
     """`start_s`: about the Unix time of mission time 0, for Foxglove."""
     plan = station.plan

@@ -31,7 +31,7 @@ from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.flying_runs import make_folder
 from swarm_ctl.runtime.foxglove.recorders import foxglove_on, run_mcap
 from swarm_ctl.runtime.interrupts import Interrupts
-from swarm_ctl.runtime.served import Ports
+from swarm_ctl.runtime.served import ServedPorts
 from swarm_ctl.runtime.station.ground_station import Station
 from swarm_ctl.runtime.station.join import SwarmMesh, open_swarm
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
@@ -63,7 +63,7 @@ def judge_swarm(
     swarm: SwarmMesh,
     runs: Path,
     show: Show,
-    ports: Ports,
+    ports: ServedPorts,
     alive: Callable[[], None],
     interrupts: Interrupts,
     truth: Path | None = None,

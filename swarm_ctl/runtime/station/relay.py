@@ -23,7 +23,7 @@ _END_WALL_S: Final = 2.0
 """How long the end waits for the last lines to be read."""
 
 
-class Relay:
+class StationRelay:
     """A `Screen` before a printer. Notes wait in a queue, of views only the newest one."""
 
     def __init__(self, printer: Printer, descriptor: int) -> None:

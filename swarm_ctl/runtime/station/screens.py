@@ -17,7 +17,7 @@ from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import InputError
 from swarm_ctl.rim import explained
 from swarm_ctl.runtime.station.printers import JsonPrinter, LogPrinter
-from swarm_ctl.runtime.station.relay import Relay
+from swarm_ctl.runtime.station.relay import StationRelay
 from swarm_ctl.signals import ended_by
 from swarm_ctl.station.picture.view import SwarmView
 
@@ -120,7 +120,7 @@ def present(
         with ended_by(screen.close) if interrupt is None else contextlib.nullcontext():
             _with_dashboard(screen, watch)
         return
-    relay = Relay(LogPrinter() if show is Show.LOG else JsonPrinter(), out)
+    relay = StationRelay(LogPrinter() if show is Show.LOG else JsonPrinter(), out)
     try:
         watch(relay)
     finally:
@@ -139,7 +139,7 @@ class DashboardScreen:
         self.app: Dashboard = Dashboard(plan, self._orders.put, interrupt, driver_class=TtyDriver)
         self._left = False
         self._out = out
-        self._lines: Relay | None = None
+        self._lines: StationRelay | None = None
 
     @property
     def left(self) -> bool:
@@ -173,7 +173,7 @@ class DashboardScreen:
             why = explained(error)
         why = why or self.app.failure
         if why or self.app.return_code:
-            lines = Relay(LogPrinter(), self._out)
+            lines = StationRelay(LogPrinter(), self._out)
             lines.note(f"{_NO_DASHBOARD}{f' ({why})' if why else ''}")
             self._lines = lines
             watched.wait()

@@ -27,9 +27,9 @@ from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import write_summary
 from swarm_ctl.runtime.foxglove.recorders import foxglove_on, run_mcap
 from swarm_ctl.runtime.lockstep.seat import STATION, Seat, die, seat
-from swarm_ctl.runtime.lockstep.words import Phase
+from swarm_ctl.runtime.lockstep.words import TickPhase
 from swarm_ctl.runtime.protection import operator_identity
-from swarm_ctl.runtime.served import NO_PORTS, Ports
+from swarm_ctl.runtime.served import NO_PORTS, ServedPorts
 from swarm_ctl.runtime.station.control_pipe import ControlPipe
 from swarm_ctl.runtime.station.ground_station import Station, open_node
 from swarm_ctl.runtime.station.screens import Screen, Show, present
@@ -40,14 +40,18 @@ from swarm_ctl.station.picture.protection import protection
 
 
 def run_station(
-    folder: Path, pipe: ControlPipe, ready: Callable[[], None], show: Show, ports: Ports = NO_PORTS
+    folder: Path,
+    pipe: ControlPipe,
+    ready: Callable[[], None],
+    show: Show,
+    ports: ServedPorts = NO_PORTS,
 ) -> None:
     """Watch, command and record the run in `folder` until `run` ends it."""
     manifest = read_manifest(folder)
     listen = [manifest.station_mesh] if manifest.station_mesh else []
     identity = operator_identity(manifest.trust, manifest.flown_by)
     with contextlib.ExitStack() as opened:
-        place = seat(manifest.lockstep, Phase.SWARM, manifest.epoch_s, manifest.speedup)
+        place = seat(manifest.lockstep, TickPhase.SWARM, manifest.epoch_s, manifest.speedup)
         opened.callback(place.close)
         clock = place.clock
         node = open_node(
@@ -123,7 +127,7 @@ def main() -> int:
         with contextlib.suppress(OSError):
             os.write(arguments.words_fd, (json.dumps({"say": "ready"}) + "\n").encode())
 
-    ports = Ports(arguments.metrics, arguments.foxglove)
+    ports = ServedPorts(arguments.metrics, arguments.foxglove)
     pipe = ControlPipe(sys.stdin.fileno())
     try:
         run_station(arguments.run, pipe, ready, arguments.show, ports)

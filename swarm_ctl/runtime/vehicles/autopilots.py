@@ -18,7 +18,7 @@ from swarm_ctl.errors import StartError
 from swarm_ctl.mavlink.onlooker import Onlooker
 from swarm_ctl.runtime.vehicles.containers import Container, Image
 from swarm_ctl.runtime.vehicles.homes import DEFAULTS, home
-from swarm_ctl.runtime.vehicles.order import Order
+from swarm_ctl.runtime.vehicles.order import VehicleOrder
 
 _BOOT_SPEEDUP: Final = 30.0
 """ArduCopter arms after 45 s of its own time: it boots as fast as the machine can."""
@@ -27,7 +27,7 @@ _BOOT_SPEEDUP: Final = 30.0
 class Sitl(ABC):
     """One autopilot: `folder` is its own, `instance` its ports."""
 
-    def __init__(self, order: Order, instance: int, folder: Path, speedup: float) -> None:
+    def __init__(self, order: VehicleOrder, instance: int, folder: Path, speedup: float) -> None:
         self.order = order
         self.instance = instance
         self.folder = folder
@@ -139,7 +139,7 @@ class ArduCopter(Sitl):
         return next(place for place in places if place.is_file())
 
 
-class Px4(Sitl):
+class Px4Sitl(Sitl):
     """PX4 with its own simulation; an onboard UDP link for its agent, one for ground stations."""
 
     @property
@@ -216,7 +216,7 @@ mavlink start -x -u $((14580+px4_instance)) -r 4000000 -f -m onboard -o $((14540
 mavlink start -x -u $((14280+px4_instance)) -r 4000 -m minimal -o $((14030+px4_instance))
 """
 
-MAKERS: Final[dict[VehicleKind, Callable[[Order, int, Path, float], Sitl]]] = {
+MAKERS: Final[dict[VehicleKind, Callable[[VehicleOrder, int, Path, float], Sitl]]] = {
     VehicleKind.ARDUCOPTER: ArduCopter,
-    VehicleKind.PX4: Px4,
+    VehicleKind.PX4: Px4Sitl,
 }

@@ -22,7 +22,7 @@ for two vehicles. So no vehicle stands there."""
 
 
 @dataclass(frozen=True, slots=True)
-class Ports:
+class InstancePorts:
     """The ports of one kind of autopilot: those of instance 0, each a kind of socket and a number,
     and the step to the next instance."""
 
@@ -40,11 +40,11 @@ class Ports:
 
 PORTS: Final = {
     # MAVLink on 5760, 5762, 5763; RC input on 5501.
-    VehicleKind.ARDUCOPTER: Ports(
+    VehicleKind.ARDUCOPTER: InstancePorts(
         ((TCP, 5760), (TCP, 5762), (TCP, 5763), (UDP, 5501)), 10, (UDP, 5760), 200
     ),
     # The agent's link, PX4's end of it, its ground-station link, the onlooker's link both ways.
-    VehicleKind.PX4: Ports(
+    VehicleKind.PX4: InstancePorts(
         ((UDP, 14540), (UDP, 14580), (UDP, 18570), (UDP, 14030), (UDP, 14280)), 1, (TCP, 14580), 40
     ),
 }

@@ -18,7 +18,7 @@ STARTED: Final = "vehicles.json"
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class VehicleOrder:
     """One autopilot to start."""
 
     agent: int
@@ -37,7 +37,7 @@ class Orders:
     """All autopilots of a run, and the speed at which they fly."""
 
     speedup: float
-    vehicles: tuple[Order, ...]
+    vehicles: tuple[VehicleOrder, ...]
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,8 +31,8 @@ from swarm_ctl.runtime.vehicles.order import (
     ORDERS_JSON,
     STARTED,
     STARTED_JSON,
-    Order,
     Started,
+    VehicleOrder,
 )
 from swarm_ctl.signals import ENDING, hears
 
@@ -149,7 +149,7 @@ class Vehicles:
             pause(_POLL_WALL_S)
         return True
 
-    def _start(self, order: Order, instance: int) -> None:
+    def _start(self, order: VehicleOrder, instance: int) -> None:
         folder = self._folder / str(order.agent)
         sitl = MAKERS[order.kind](order, instance, folder, self._orders.speedup)
         vehicle = Vehicle(sitl)

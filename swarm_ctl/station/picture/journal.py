@@ -39,7 +39,7 @@ class EntryKind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class JournalLine:
     """One line of the log."""
 
     time_s: float
@@ -67,7 +67,7 @@ class Journal:
     """What has been told so far."""
 
     def __init__(self) -> None:
-        self._entries: deque[Entry] = deque(maxlen=_ENTRIES)
+        self._entries: deque[JournalLine] = deque(maxlen=_ENTRIES)
         self._first = 0
         """The number of the oldest entry that is kept."""
         self._alarms: dict[tuple[str, tuple[int, ...]], _Standing] = {}
@@ -77,11 +77,11 @@ class Journal:
         """Alarms of the newest view, the worst first."""
 
     @property
-    def entries(self) -> tuple[Entry, ...]:
+    def entries(self) -> tuple[JournalLine, ...]:
         """By the times that they show: what cleared is told later than it was over."""
         return tuple(sorted(self._entries, key=lambda entry: entry.time_s))
 
-    def newest(self, count: int) -> tuple[Entry, ...]:
+    def newest(self, count: int) -> tuple[JournalLine, ...]:
         """The last ones told."""
         return tuple(self._entries)[-count:] if count > 0 else ()
 
@@ -109,12 +109,14 @@ class Journal:
             self._change(standing.entry, acknowledged=True)
         if seen:
             names = ", ".join(dict.fromkeys(s.alarm.name for s in seen))
-            self._add(Entry(now_s, EntryKind.STATION, Level.WELL, (), f"acknowledged: {names}"))
+            self._add(
+                JournalLine(now_s, EntryKind.STATION, Level.WELL, (), f"acknowledged: {names}")
+            )
         return len(seen)
 
     def note(self, now_s: float, text: str, level: Level = Level.WELL) -> None:
         """A word of the station itself."""
-        self._add(Entry(now_s, EntryKind.STATION, level, (), text))
+        self._add(JournalLine(now_s, EntryKind.STATION, level, (), text))
 
     def _take_events(self, view: SwarmView) -> None:
         fresh = view.event_count - self._told_events
@@ -122,7 +124,7 @@ class Journal:
         new: tuple[Event, ...] = view.events[-fresh:] if fresh > 0 else ()
         if fresh > len(new):
             text = f"{fresh - len(new)} events came too fast to be told"
-            self._add(Entry(view.time_s, EntryKind.STATION, Level.WARNING, (), text))
+            self._add(JournalLine(view.time_s, EntryKind.STATION, Level.WARNING, (), text))
         for saying in gather_events(new):
             before = self._entries[-1] if self._entries else None
             if before is not None and before.kind is EntryKind.EVENT and before.text == saying.text:
@@ -135,7 +137,7 @@ class Journal:
             text = saying.text.removeprefix("vehicle: ")
             kind = EntryKind.EVENT if text == saying.text else EntryKind.VEHICLE
             level = LEVEL_OF[saying.level]
-            self._add(Entry(saying.time_s, kind, level, saying.agents, text))
+            self._add(JournalLine(saying.time_s, kind, level, saying.agents, text))
 
     def _take_commands(self, view: SwarmView) -> None:
         for command in view.commands:
@@ -145,7 +147,7 @@ class Journal:
             number, told = self._commands.get(command.command.id, (-1, ""))
             if number < 0:
                 self._add(
-                    Entry(
+                    JournalLine(
                         command.received_s, EntryKind.COMMAND, level, command.command.agents, text
                     )
                 )
@@ -178,7 +180,7 @@ class Journal:
                 number, raised_s = told[0].entry, told[0].raised_s
                 self._change(number, agents=agents, text=text)
             else:
-                self._add(Entry(now_s, EntryKind.ALARM, fresh[0].level, agents, text))
+                self._add(JournalLine(now_s, EntryKind.ALARM, fresh[0].level, agents, text))
                 number, raised_s = self._first + len(self._entries) - 1, now_s
             for alarm in fresh:
                 self._alarms[alarm.key] = _Standing(alarm, number, raised_s)
@@ -197,12 +199,14 @@ class Journal:
             ids = _all_agents([standing.alarm for standing in same])
             last_s = max(standing.gone_s or 0.0 for standing in same)
             self._add(
-                Entry(last_s, EntryKind.CLEARED, Level.WELL, ids, f"{name} ({agents_counted(ids)})")
+                JournalLine(
+                    last_s, EntryKind.CLEARED, Level.WELL, ids, f"{name} ({agents_counted(ids)})"
+                )
             )
         for standing in over:
             del self._alarms[standing.alarm.key]
 
-    def _add(self, entry: Entry) -> None:
+    def _add(self, entry: JournalLine) -> None:
         if len(self._entries) == _ENTRIES:
             self._first += 1
         self._entries.append(entry)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from swarm_ctl.core.model.fleet import Signing
+from swarm_ctl.core.model.fleet import SigningPolicy
 from swarm_ctl.trust.identity import Identity
 from swarm_ctl.trust.names import Role
 
@@ -45,13 +45,15 @@ class Protection:
 LOCAL: Final = Protection(MeshKind.LOCAL)
 
 
-def protection(identity: Identity | None, signing: Signing, *, is_open: bool = False) -> Protection:
+def protection(
+    identity: Identity | None, signing: SigningPolicy, *, is_open: bool = False
+) -> Protection:
     """What a station says of its swarm; `is_open`: other computers can reach it without
     keys: its mesh, or where that has keys the links."""
     if identity is None:
         return Protection(MeshKind.OPEN) if is_open else LOCAL
     commands = identity.role is Role.OPERATOR
-    signs = signing is Signing.REQUIRED
+    signs = signing is SigningPolicy.REQUIRED
     return Protection(MeshKind.TLS, str(identity.member), commands, signs, is_open and not signs)
 
 

@@ -11,13 +11,13 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, Final
 
-from swarm_ctl.core.agent.flight import Interruption, Log, OwnVehicle
+from swarm_ctl.core.agent.flight import EventLog, Interruption, OwnVehicle
 from swarm_ctl.core.agent.group import Group
 from swarm_ctl.core.agent.landing import Landing
 from swarm_ctl.core.agent.preflight import Preflight
 from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch
-from swarm_ctl.core.agent.steering import Decision, Steering
+from swarm_ctl.core.agent.steering import Intent, Steering
 from swarm_ctl.core.agent.takeover import Takeover
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.controller import Controller
@@ -220,7 +220,7 @@ class Own:
     def __init__(self, of: Plan | None = None, step: int = HOLD, **changes: Any) -> None:
         self.plan = of = of or plan()
         self.phase, self.reason = Phase.FLY, ""
-        self.log = Log(OWN)
+        self.log = EventLog(OWN)
         self.vehicle = OwnVehicle(
             **{
                 "arming_s": NOW - 60.0,
@@ -252,7 +252,7 @@ class Own:
             self.controller.locate(one.fix, one.now)
         return one
 
-    def act(self, one: Tick, decision: Decision) -> Goal:
+    def act(self, one: Tick, decision: Intent) -> Goal:
         """The vehicle's goal by this decision."""
         stopped = self.interruption.reason
         self.phase = decision.phase

@@ -16,8 +16,8 @@ from swarm_ctl.cli.app import app
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.fuzz import campaign as campaigns
 from swarm_ctl.fuzz import shrink as shrinking
-from swarm_ctl.fuzz.campaign import FLIGHTS, Campaign, Flight, write_found
-from swarm_ctl.fuzz.coverage import FAULTS, NOTHING, STEPS, WHATS, Cell, Coverage, what_of
+from swarm_ctl.fuzz.campaign import FLIGHTS, Campaign, DrawnFlight, write_found
+from swarm_ctl.fuzz.coverage import FAULTS, NOTHING, STEPS, WHATS, Coverage, CoverageCell, what_of
 from swarm_ctl.fuzz.draw import Data, Dice, draw
 from swarm_ctl.fuzz.invariants import Broken, Invariant
 from swarm_ctl.mission.compile.loader import load
@@ -53,7 +53,7 @@ def test_all_kinds_are_drawn() -> None:
 def test_what_was_not_met_is_drawn_more_often() -> None:
     """Everything was met but kills: these are drawn most."""
     met = Coverage(
-        Cell(step, after, what)
+        CoverageCell(step, after, what)
         for step in STEPS
         for after in (NOTHING, *FAULTS)
         for what in WHATS
@@ -86,10 +86,10 @@ def test_dice_keep_to_their_bounds() -> None:
 def fake(bad: tuple[int, ...] = ()) -> Any:
     """Flights of no time at all; those in `bad` break something."""
 
-    def flight(_seed: int, _wanted: Coverage, _of: Any, number: int) -> Flight:
+    def flight(_seed: int, _wanted: Coverage, _of: Any, number: int) -> DrawnFlight:
         found = (Broken(Invariant.APART, f"{number}.5 m apart"),) if number in bad else ()
-        cells = (Cell("form", NOTHING, "kill"),)
-        return Flight(number, "completed", 60.0, 0.1, cells, found)
+        cells = (CoverageCell("form", NOTHING, "kill"),)
+        return DrawnFlight(number, "completed", 60.0, 0.1, cells, found)
 
     return flight
 
@@ -139,11 +139,11 @@ def test_a_journal_that_was_cut_off_loses_one_flight_alone(
     assert flown == [[0, 1, 2], [2], []]
 
 
-def dies(_seed: int, _wanted: Coverage, _of: Any, number: int) -> Flight:
+def dies(_seed: int, _wanted: Coverage, _of: Any, number: int) -> DrawnFlight:
     """The second flight takes its process with it."""
     if number == 1:
         os._exit(9)
-    return Flight(number, "completed", 60.0, 0.1, (), ())
+    return DrawnFlight(number, "completed", 60.0, 0.1, (), ())
 
 
 def test_a_process_that_dies_ends_the_campaign(
@@ -164,7 +164,7 @@ def test_a_process_that_dies_ends_the_campaign(
 def test_all_that_a_flight_broke_is_counted(tmp_path: Path) -> None:
     """A fault that all flights have hides no other one; one that broke twice counts once."""
     both = Broken(Invariant.APART, "1 m"), Broken(Invariant.DOWN, "2"), Broken(Invariant.DOWN, "3")
-    campaign = Campaign(1, tmp_path, done={4: Flight(4, "failed", 9.0, 0.1, (), both)})
+    campaign = Campaign(1, tmp_path, done={4: DrawnFlight(4, "failed", 9.0, 0.1, (), both)})
     assert [(kind[0], len(found)) for kind, found in campaign.found().items()] == [
         (Invariant.APART, 1),
         (Invariant.DOWN, 1),

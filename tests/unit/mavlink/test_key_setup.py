@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from swarm_ctl.mavlink.key_setup import KeyReport, KeySetup, Signs
-from swarm_ctl.mavlink.signing import UNITS_S, Signing
+from swarm_ctl.mavlink.signing import UNITS_S, LinkSigning
 from swarm_ctl.mavlink.wires import memory_wires
 from swarm_sim.network.hub import Hub
-from swarm_sim.network.signing import Signing as VehicleSigning
+from swarm_sim.network.signing import VehicleSigning as VehicleSigning
 from tests.unit.sim.harness import config
 
 KEY, OTHER = bytes(range(32)), bytes(range(1, 33))
@@ -34,7 +34,7 @@ class Bench:
         self.far.write(data)
 
     def set_up(self, key: bytes = KEY, *, clear: bool = False) -> KeyReport:
-        work = KeySetup(self.near, 1, key, Signing(key, self.stamp()), clear=clear)
+        work = KeySetup(self.near, 1, key, LinkSigning(key, self.stamp()), clear=clear)
         while (report := work.step(self.now)) is None:
             self.now += 0.05
             while (data := self.far.read()) is not None:
@@ -94,7 +94,7 @@ def test_a_port_that_takes_unsigned_frames_is_told(
 
 def test_a_silent_link_is_told() -> None:
     near, _ = memory_wires()
-    work, now = KeySetup(near, 1, KEY, Signing(KEY, START)), 0.0
+    work, now = KeySetup(near, 1, KEY, LinkSigning(KEY, START)), 0.0
     while (report := work.step(now)) is None:
         now += 0.5
     assert report == KeyReport("vehicle 1 was not heard in 15 s")

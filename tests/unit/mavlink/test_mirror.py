@@ -15,7 +15,7 @@ from swarm_ctl.core.model.vehicle import StandbyGoal
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.mirror import FRAMES_A_TICK, Mirror
-from swarm_ctl.mavlink.signing import Signing
+from swarm_ctl.mavlink.signing import LinkSigning
 from swarm_ctl.mavlink.wires import memory_wires
 from tests.unit.mavlink import wire
 
@@ -120,7 +120,7 @@ def test_a_signed_link_passes_on_signed_and_new_frames_alone(
     """An ArduPilot on USB would obey the others, too."""
     key = bytes(range(32))
     ours, theirs = memory_wires()
-    link = VehicleLink(ours, "ardupilot", 1, mirror=mirror, signing=Signing(key, 10**12))
+    link = VehicleLink(ours, "ardupilot", 1, mirror=mirror, signing=LinkSigning(key, 10**12))
     codec = dialect.MAVLink(None, 255, 190)
     codec.signing.secret_key, codec.signing.sign_outgoing = key, True
     codec.signing.timestamp = 10**12

@@ -13,7 +13,7 @@ import zenoh
 from swarm_ctl.cli.shared.options import zenoh_settings
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh.access import _OURS, for_zenoh, is_set
-from swarm_ctl.mesh.zenoh_config import Part, configuration, read_settings
+from swarm_ctl.mesh.zenoh_config import MeshPart, configuration, read_settings
 
 FREE = {"aggregation", "gateway", "metadata", "open", "queries_default_timeout", "region_name"}
 FREE |= {"routing", "scouting", "stats"}
@@ -93,7 +93,7 @@ def test_keys_stay_as_they_are() -> None:
         "adminspace": {"enabled": True},
         "transport": {"unicast": {"lowlatency": False}, "link": {"tx": {"lease": 5000}}},
     }
-    found = session(read(json.dumps(everything)), access=TRUST, part=Part.CLIENT)
+    found = session(read(json.dumps(everything)), access=TRUST, part=MeshPart.CLIENT)
     assert found["access_control"] == TRUST["access_control"]
     assert found["transport"]["link"]["protocols"] == ["tls"]
     assert found["scouting"]["multicast"]["enabled"] is True

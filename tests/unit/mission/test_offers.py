@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing
+from swarm_ctl.core.model.fleet import Fleet, FleetAgent, SigningPolicy
 from swarm_ctl.core.model.plan import Plan, Response
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh.keys import plan_key
@@ -38,7 +38,7 @@ OTHER = replace(PLAN, kappa=PLAN.kappa / 2)
 
 
 def offer(plan: Plan = PLAN, agents: tuple[FleetAgent, ...] = AGENTS) -> bytes:
-    return pack(plan, agents, Signing.OFF)
+    return pack(plan, agents, SigningPolicy.OFF)
 
 
 def named(plan: Plan = PLAN) -> str:
@@ -54,11 +54,11 @@ def test_a_plan_survives_the_way() -> None:
     """Of every ready mission, with its fleet; it is far under what zenoh puts together."""
     for path in sorted((ROOT / "missions").glob("*.yaml")):
         loaded = load(path)
-        packed = pack(loaded.plan, loaded.fleet.agents, Signing.REQUIRED)
+        packed = pack(loaded.plan, loaded.fleet.agents, SigningPolicy.REQUIRED)
         found = unpack(packed, "it")
         assert len(packed) < PACKED_BYTES / 10
         assert (found.plan, found.fleet, found.trust) == (loaded.plan, loaded.fleet.agents, None)
-        assert found.signing is Signing.REQUIRED
+        assert found.signing is SigningPolicy.REQUIRED
 
 
 @pytest.mark.parametrize(
@@ -174,7 +174,7 @@ def test_the_hash_is_of_all_that_an_agent_acts_on(change: dict[str, Any]) -> Non
     [told] = offers.refusals()
     assert re.fullmatch(rf"station mallory has {PLAN.name}@[0-9a-f]{{16}}, not {wanted()}", told)
     signed = Offers(wanted())
-    signed.hear("mallory", pack(PLAN, AGENTS, Signing.REQUIRED), 0.0)
+    signed.hear("mallory", pack(PLAN, AGENTS, SigningPolicy.REQUIRED), 0.0)
     assert signed.chosen(9.0) is None, "signing is acted on, too"
 
 

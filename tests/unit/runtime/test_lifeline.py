@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import sys
 
-from swarm_ctl.runtime.lifeline import PipeLifeline, Words
+from swarm_ctl.runtime.lifeline import ChildWords, PipeLifeline
 
 
 def test_lifeline_is_cut_when_the_parent_closes_it() -> None:
@@ -33,7 +33,7 @@ def test_telling_a_parent_that_does_not_read_never_blocks() -> None:
 
 def test_a_parent_hears_each_word_whole_and_none_twice() -> None:
     ours, theirs = multiprocessing.Pipe()
-    words, lifeline = Words(ours), PipeLifeline(theirs)
+    words, lifeline = ChildWords(ours), PipeLifeline(theirs)
     assert words.next() is None
     lifeline.tell("ready")
     lifeline.tell("it broke:\nin two lines")
@@ -55,7 +55,7 @@ class Evil:
 def test_what_a_child_tells_runs_no_code_in_its_parent_and_keeps_it_waiting_never() -> None:
     """A child that was taken over sends a pickle, half a message, and a line without an end."""
     ours, theirs = multiprocessing.Pipe()
-    words = Words(ours)
+    words = ChildWords(ours)
     theirs.send(Evil())
     os.write(theirs.fileno(), b"\n")
     assert words.next() is not None

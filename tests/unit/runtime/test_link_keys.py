@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing
+from swarm_ctl.core.model.fleet import Fleet, FleetAgent, SigningPolicy
 from swarm_ctl.errors import TrustError
 from swarm_ctl.runtime.link_keys import LinkKeys
 from swarm_ctl.trust import provision
@@ -25,7 +25,7 @@ def test_the_fleet_s_folder_or_the_identity_that_is_given(trust: Path) -> None:
     """An identity serves its own agent's vehicle, with a fleet without `trust` as well; with
     `signing: off` no link is signed."""
     agents = (FleetAgent(1, 1, "px4"), FleetAgent(2, 2, "px4"))
-    with_keys = Fleet(agents, str(trust), Signing.REQUIRED)
+    with_keys = Fleet(agents, str(trust), SigningPolicy.REQUIRED)
     assert LinkKeys.of(with_keys).key_file(2) == trust / "agent-2/mavlink.key"
     for fleet in (with_keys, Fleet(agents)):
         given = LinkKeys.of(fleet, trust / "agent-1")

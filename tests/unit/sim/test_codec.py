@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import development
 from swarm_sim.firmware.message import Message
 from swarm_sim.firmware.protocol.telemetry import MESSAGES
 from swarm_sim.network.codec import Codec
-from swarm_sim.network.signing import Signing, read_key
+from swarm_sim.network.signing import VehicleSigning, read_key
 
 
 def client() -> mavlink.MAVLink:
@@ -173,7 +173,7 @@ def signed(mav: mavlink.MAVLink) -> bytes:
 
 
 def test_with_a_key_only_fresh_frames_signed_with_it_are_served() -> None:
-    codec = Codec(1, Signing(KEY, lambda: 1_000_000_000))
+    codec = Codec(1, VehicleSigning(KEY, lambda: 1_000_000_000))
     mav = signed_client()
     frame = signed(mav)
     assert len(list(codec.messages(frame))) == 1
@@ -189,34 +189,34 @@ def test_with_a_key_only_fresh_frames_signed_with_it_are_served() -> None:
 
 def test_what_was_signed_before_the_vehicle_started_is_refused() -> None:
     """So that a recording of its last flight is nothing to it."""
-    codec = Codec(1, Signing(KEY, lambda: 1_000_000_000))
+    codec = Codec(1, VehicleSigning(KEY, lambda: 1_000_000_000))
     assert list(codec.messages(signed(signed_client(at=1_000_000_000 - 1)))) == []
     assert len(list(codec.messages(signed(signed_client(at=1_000_000_000))))) == 1
 
 
 def test_the_last_stamp_of_all_locks_no_client_out() -> None:
-    codec = Codec(1, Signing(KEY, lambda: 1_000_000_000))
+    codec = Codec(1, VehicleSigning(KEY, lambda: 1_000_000_000))
     for key in (bytes(32), KEY):
         assert list(codec.messages(signed(signed_client(key, at=2**48 - 1)))) == []
     assert len(list(codec.messages(signed(signed_client())))) == 1
 
 
 def test_a_frame_of_one_link_is_refused_on_another_one_of_the_vehicle() -> None:
-    signing = Signing(KEY, lambda: 1_000_000_000)
+    signing = VehicleSigning(KEY, lambda: 1_000_000_000)
     frame = signed(signed_client())
     assert len(list(Codec(1, signing, 0).messages(frame))) == 1
     assert list(Codec(1, signing, 1).messages(frame)) == []
 
 
 def test_own_stamps_follow_those_that_are_heard() -> None:
-    codec = Codec(1, Signing(KEY, lambda: 1_000_000_000))
+    codec = Codec(1, VehicleSigning(KEY, lambda: 1_000_000_000))
     list(codec.messages(signed(signed_client(at=5_000_000_000))))
     beat = Message("HEARTBEAT", dict.fromkeys(mavlink.mavlink_map[0].fieldnames, 1))
     assert int.from_bytes(codec.pack(beat)[-12:-6], "little") == 5_000_000_001
 
 
 def test_what_is_sent_with_a_key_is_signed_as_pymavlink_wants_it() -> None:
-    codec = Codec(1, Signing(KEY, lambda: 1_000_000_000))
+    codec = Codec(1, VehicleSigning(KEY, lambda: 1_000_000_000))
     reader = signed_client()
     beat = Message("HEARTBEAT", dict.fromkeys(mavlink.mavlink_map[0].fieldnames, 1))
     for _ in range(3):

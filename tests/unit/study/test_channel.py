@@ -10,7 +10,7 @@ import pytest
 from swarm_ctl.core.model.messages import AgentState, Phase
 from swarm_ctl.core.swarm.clocks import PeerClock
 from swarm_ctl.core.swarm.peer import Peer
-from swarm_ctl.core.swarm.plausibility import Limits
+from swarm_ctl.core.swarm.plausibility import BeliefLimits
 from swarm_ctl.study.batch.batch import Batch, blocks, draw
 from swarm_ctl.study.batch.batch_flight import fly
 from swarm_ctl.study.batch.batch_hearing import BatchHearing
@@ -43,7 +43,7 @@ def test_states_that_overtake_each_other_are_heard_as_agents_hear_them() -> None
     channel = LossyChannel(batch, TICK_S)
     assert channel._jitter is not None
     ways: dict[tuple[int, int], list[tuple[int, int]]] = {}
-    peers = {way: Peer(1, PeerClock(), Limits.of(plan())) for way in ((0, 1), (2, 3), (3, 0))}
+    peers = {way: Peer(1, PeerClock(), BeliefLimits.of(plan())) for way in ((0, 1), (2, 3), (3, 0))}
     for peer in peers.values():
         peer.clock.answered(0.0, 0.0, 0.0, 0.0)
     overtaken = 0
@@ -183,7 +183,7 @@ def test_far_news_is_as_old_as_far_words() -> None:
     shape = (18, 18, 3)
     near_since = np.where(hearing.near, -100.0, np.inf)
     newest, came, went = np.zeros(shape), 0, 0
-    peers = [Peer(1, PeerClock(), Limits.of(plan())) for _ in range(18)]
+    peers = [Peer(1, PeerClock(), BeliefLimits.of(plan())) for _ in range(18)]
     for peer, near in zip(peers, hearing.near[0, :, 0], strict=True):
         peer.near_s = -100.0 if near else np.inf
     for tick in range(400):

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from swarm_ctl.errors import TrustError
 from swarm_ctl.trust.bundle import install, unpacked
 from swarm_ctl.trust.identity import load_identity
-from swarm_ctl.trust.names import Member, Role
+from swarm_ctl.trust.names import KeyHolder, Role
 from swarm_ctl.trust.provision import Terms, add, new, rotate
 from tests.unit.test_archives import sparse
 from tests.unit.trust.conftest import NOW
@@ -148,7 +148,7 @@ def test_parts_of_two_bundles_do_not_fit(trust: Path, tmp_path: Path) -> None:
 def test_a_bundle_without_a_key_needs_the_hosts(trust: Path, tmp_path: Path) -> None:
     """The text says which command makes it."""
     (trust / "agent-3/mesh.key").unlink()
-    add(trust, Member(Role.VIEWER, "desk"), "", Terms(NOW))
+    add(trust, KeyHolder(Role.VIEWER, "desk"), "", Terms(NOW))
     with pytest.raises(TrustError, match="swarm-ctl trust request agent 3"):
         install(trust / "agent-3.bundle", tmp_path / "host")
 

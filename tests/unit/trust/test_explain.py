@@ -17,7 +17,7 @@ import pytest
 from swarm_ctl.trust import explain
 from swarm_ctl.trust.explain import ask, explain_handshake
 from swarm_ctl.trust.identity import Identity, load_identity
-from swarm_ctl.trust.names import Member, Role
+from swarm_ctl.trust.names import KeyHolder, Role
 from swarm_ctl.trust.provision import Terms, new, revoke, rotate
 from tests.unit.trust.conftest import NOW
 
@@ -159,7 +159,7 @@ def test_another_address(tmp_path: Path, listen: Listen) -> None:
 def test_an_old_epoch_is_refused_by_permissions(trust: Path, listen: Listen) -> None:
     """TLS accepts its certificate, the access rules do not name it."""
     old = shutil.copytree(trust, trust.parent / "old")
-    revoke(trust, Member(Role.AGENT, "2"), Terms(NOW))
+    revoke(trust, KeyHolder(Role.AGENT, "2"), Terms(NOW))
     operator = load_identity(trust / "operator-anna")
     for folder, words in (
         (old / "agent-1", "roster of epoch 2 does not name agent-1.outdoors.e1"),

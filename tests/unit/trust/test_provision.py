@@ -14,13 +14,13 @@ from swarm_ctl.errors import TrustError
 from swarm_ctl.trust import files
 from swarm_ctl.trust.bundle import install
 from swarm_ctl.trust.identity import identity_folder, load_identity
-from swarm_ctl.trust.names import Member, Role
+from swarm_ctl.trust.names import KeyHolder, Role
 from swarm_ctl.trust.provision import Terms, add, new, request, request_of, revoke, rotate
 from swarm_ctl.trust.roster import Roster, read_roster
 from tests.unit.trust.conftest import NOW
 
 TERMS = Terms(NOW)
-AGENT_3 = Member(Role.AGENT, "3")
+AGENT_3 = KeyHolder(Role.AGENT, "3")
 
 
 def roster_of(trust: Path) -> Roster:
@@ -53,7 +53,7 @@ def test_nothing_is_for_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(os, "fdopen", look)
     new(tmp_path / "outdoors", "outdoors", {1: "127.0.0.1"}, ["anna"], ["tv"], TERMS)
-    add(tmp_path / "outdoors", Member(Role.OPERATOR, "bob"), "", TERMS)
+    add(tmp_path / "outdoors", KeyHolder(Role.OPERATOR, "bob"), "", TERMS)
     assert set(seen) == {0o600}
     for path in (tmp_path / "outdoors", *(tmp_path / "outdoors").rglob("*")):
         assert stat.S_IMODE(path.stat().st_mode) == (0o700 if path.is_dir() else 0o600), path
@@ -113,14 +113,14 @@ def test_two_changes_at_once_are_refused(trust: Path) -> None:
 
 def test_an_operator_more(trust: Path) -> None:
     """In the same epoch; each member's roster names all."""
-    add(trust, Member(Role.OPERATOR, "bob"), "", TERMS)
+    add(trust, KeyHolder(Role.OPERATOR, "bob"), "", TERMS)
     bob = load_identity(identity_folder(trust, Role.OPERATOR, "bob"))
     assert bob.common_name == "operator-bob.outdoors.e1"
-    known = load_identity(trust / "agent-1").roster.of(Member(Role.OPERATOR, "bob"))
+    known = load_identity(trust / "agent-1").roster.of(KeyHolder(Role.OPERATOR, "bob"))
     assert known is not None
     assert known.common_name == bob.common_name
     with pytest.raises(TrustError, match="has operator bob already"):
-        add(trust, Member(Role.OPERATOR, "bob"), "", TERMS)
+        add(trust, KeyHolder(Role.OPERATOR, "bob"), "", TERMS)
 
 
 def test_a_revoked_agent_is_named_no_more(trust: Path) -> None:
@@ -157,7 +157,7 @@ def test_rotation(trust: Path) -> None:
     """New keys and certificates, for a new address; the vehicles keep their keys."""
     before = load_identity(trust / "agent-3")
     key = before.key_file.read_bytes()
-    rotate(trust, Terms(NOW + timedelta(days=20)), {Member(Role.AGENT, "3"): "10.0.0.3"})
+    rotate(trust, Terms(NOW + timedelta(days=20)), {KeyHolder(Role.AGENT, "3"): "10.0.0.3"})
     after = load_identity(trust / "agent-3")
     assert after.common_name == "agent-3.outdoors.e2"
     assert after.certificate.hosts == ("agent-3.outdoors.e2", "10.0.0.3")
@@ -171,7 +171,7 @@ def test_a_key_that_never_leaves_its_host(tmp_path: Path, trust: Path) -> None:
     same key again."""
     host = tmp_path / "host" / "outdoors"
     csr = tmp_path / "agent-7.csr"
-    csr.write_bytes(request(host, Member(Role.AGENT, "7")))
+    csr.write_bytes(request(host, KeyHolder(Role.AGENT, "7")))
     key = (host / "agent-7/mesh.key").read_bytes()
     member, public = request_of(csr)
     add(trust, member, "192.168.1.17", Terms(NOW, requests={member: public}))

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from swarm_ctl.station.picture.alarms import FOLLOWS, Alarm, Level
-from swarm_ctl.station.picture.journal import Entry
+from swarm_ctl.station.picture.journal import JournalLine
 from swarm_ctl.station.picture.view import SwarmView
 
 
@@ -35,7 +35,7 @@ class Picture:
     view: SwarmView
     alarms: tuple[Alarm, ...] = ()
     """Those that stand, the worst first."""
-    entries: tuple[Entry, ...] = ()
+    entries: tuple[JournalLine, ...] = ()
     unacknowledged: int = 0
     """Alarms that the operator has not acknowledged."""
     chosen: Chosen = field(default_factory=Chosen)

@@ -78,7 +78,7 @@ class Painted(ScrollView, OnGround, can_focus=False):
 
 
 @dataclass(frozen=True, slots=True)
-class Words:
+class WordsView:
     """Words of one style in a table."""
 
     words: str
@@ -113,7 +113,7 @@ class Painting:
         return [Segment(words, style(name)) for words, name in self.parts]
 
 
-TableCell: TypeAlias = Words | Trend | Painting
+TableCell: TypeAlias = WordsView | Trend | Painting
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,11 +130,11 @@ class Heading:
         place = Style(meta={"row": -1, "column": column})
         return Segment(self.cell(self.title).words, style(self.name) + place)
 
-    def cell(self, words: str, name: str = "", click: str = "") -> Words:
+    def cell(self, words: str, name: str = "", click: str = "") -> WordsView:
         """Words at their place in the column, cut if need be, and the gap."""
         words = set_cell_size(words, self.width) if cell_len(words) > self.width else words
         room = " " * (self.width - cell_len(words))
-        return Words(words + room + " " if self.left else room + words + " ", name, click)
+        return WordsView(words + room + " " if self.left else room + words + " ", name, click)
 
 
 class CellTable(DataTable[TableCell], OnGround, can_focus=False):

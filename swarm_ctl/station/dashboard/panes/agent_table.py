@@ -12,7 +12,7 @@ from swarm_ctl.core.model.messages import AgentStatus, Phase
 from swarm_ctl.core.model.text import printable
 from swarm_ctl.station.dashboard.drawing.picture import Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import DASH, LEVEL_STYLE, SIGN, WELL, fit
-from swarm_ctl.station.dashboard.drawing.widgets import CellTable, Heading, Words
+from swarm_ctl.station.dashboard.drawing.widgets import CellTable, Heading, WordsView
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.summaries import flown_order
 from swarm_ctl.station.picture.view import AgentView, SwarmView
@@ -190,7 +190,7 @@ def _titled(heading: Heading, picture: Picture) -> Heading:
     return Heading(title, heading.width, heading.left, "bold underline")
 
 
-def _id_cell(picture: Picture, agent: AgentView, level: Level, click: str) -> Words:
+def _id_cell(picture: Picture, agent: AgentView, level: Level, click: str) -> WordsView:
     """The mark, the sign of the worst alarm, the id."""
     mark = "◆" if agent.id in picture.chosen.marked else " "
     sign = SIGN[level] if level >= Level.WARNING else " "

@@ -18,7 +18,7 @@ from swarm_ctl.station.dashboard.drawing.styled_line import LEVEL_STYLE, SIGN, W
 from swarm_ctl.station.dashboard.drawing.widgets import OnGround, Painted
 from swarm_ctl.station.dashboard.panes.pane import Pane
 from swarm_ctl.station.picture.alarms import Level
-from swarm_ctl.station.picture.journal import Entry, EntryKind
+from swarm_ctl.station.picture.journal import EntryKind, JournalLine
 
 _KIND_STYLE: Final = {
     EntryKind.COMMAND: "bold",
@@ -34,12 +34,12 @@ class EntryLog(RichLog, OnGround, can_focus=False):
 
     def __init__(self, name: str) -> None:
         super().__init__(id=name, min_width=1)
-        self._told: list[Entry] = []
+        self._told: list[JournalLine] = []
         self._ends: list[int] = []
         """How many lines there are after each entry."""
         self._shape = (0, False)
 
-    def show(self, entries: Sequence[Entry], *, short: bool = False) -> None:
+    def show(self, entries: Sequence[JournalLine], *, short: bool = False) -> None:
         """Write what is new, and all from the first entry on that has changed."""
         width = self.scrollable_content_region.width
         pairs = enumerate(zip(self._told, entries, strict=False))
@@ -63,7 +63,7 @@ class EntryLog(RichLog, OnGround, can_focus=False):
         super().on_resize(event)
         self.post_message(Painted.Sized())
 
-    def _text(self, entry: Entry, width: int, short: bool) -> Text:
+    def _text(self, entry: JournalLine, width: int, short: bool) -> Text:
         bad = entry.level >= Level.WARNING
         name = LEVEL_STYLE[entry.level] if bad else _KIND_STYLE.get(entry.kind, "")
         sign = SIGN[entry.level] if bad else WELL if entry.kind is EntryKind.CLEARED else " "
@@ -103,7 +103,7 @@ class LogPane(Pane):
         self.query_one(Painted).paint([] if entries else [StyledLine(f"   {words}", "dim")])
 
 
-def passes(entry: Entry, chosen: Chosen) -> bool:
+def passes(entry: JournalLine, chosen: Chosen) -> bool:
     """Level and words of the filter; every word must be somewhere in the line."""
     if entry.level < chosen.log_level:
         return False

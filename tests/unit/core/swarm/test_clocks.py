@@ -15,10 +15,10 @@ from swarm_ctl.core.model.messages import AgentState, Answers, ClockEcho, ClockN
 from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S
 from swarm_ctl.core.swarm.clocks import ASK_EVERY_S, DRIFT, STEADY_S, Clocks, PeerClock
 from swarm_ctl.core.swarm.peer import Peer
-from swarm_ctl.core.swarm.plausibility import INSISTS_S, Limits
+from swarm_ctl.core.swarm.plausibility import INSISTS_S, BeliefLimits
 from tests.unit.core.builders import plan
 
-LIMITS = Limits.of(plan())
+LIMITS = BeliefLimits.of(plan())
 ROUNDING_S = 1e-5
 Showing = Callable[[float], float]
 """From the own time to what the other's clock shows."""

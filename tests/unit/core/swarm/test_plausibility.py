@@ -31,13 +31,13 @@ from swarm_ctl.core.swarm.plausibility import (
     JUMP_M,
     LASTS_S,
     SUSPECT_S,
+    BeliefLimits,
     Doubt,
-    Limits,
 )
 from tests.unit.core.builders import plan, state
 
 PLAN = plan()
-LIMITS = Limits.of(PLAN)
+LIMITS = BeliefLimits.of(PLAN)
 SPEED = PLAN.limits.speed_mps
 TICK_S = 0.05
 FINITE = st.floats(allow_nan=False, allow_infinity=False)

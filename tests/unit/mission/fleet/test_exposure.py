@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from swarm_ctl.core.model.fleet import Fleet, FleetAgent, Signing
+from swarm_ctl.core.model.fleet import Fleet, FleetAgent, SigningPolicy
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.fleet.exposure import exposures, leaves_loopback, refuse_exposed
 
@@ -39,7 +39,7 @@ def test_what_other_computers_reach(endpoint: str, leaves: bool) -> None:
 def fleet(trust: str | None = None, **changes: str) -> Fleet:
     first = FleetAgent(1, 1, "px4", "udpout:10.0.0.5:14550", "tcp/127.0.0.1:7447")
     second = FleetAgent(2, 2, "px4", **changes)
-    return Fleet((first, second), trust, Signing.REQUIRED if trust else Signing.OFF)
+    return Fleet((first, second), trust, SigningPolicy.REQUIRED if trust else SigningPolicy.OFF)
 
 
 @pytest.mark.parametrize(
@@ -68,7 +68,7 @@ def test_a_swarm_without_keys_is_refused_with_the_command_that_makes_them(
 def test_keys_of_the_mesh_do_not_protect_a_link_that_is_not_signed() -> None:
     """With `signing: off` a listening link is refused as without keys; the mesh is not."""
     wide = fleet("keys", endpoint="udpin:0.0.0.0:14", mesh="tcp/10.0.0.2:7447")
-    unsigned = replace(wide, signing=Signing.OFF)
+    unsigned = replace(wide, signing=SigningPolicy.OFF)
     with pytest.raises(InputError) as refused:
         refuse_exposed(exposures(unsigned, ["tcp/10.0.0.9:1"]), "outdoors.yaml", unsigned.trust)
     assert str(refused.value) == (

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm_ctl.core.law.stop_point import TYPICAL
-from swarm_ctl.core.model.fleet import RadioShare, Signing
+from swarm_ctl.core.model.fleet import RadioShare, SigningPolicy
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.mission.compile.loader import load
@@ -163,12 +163,14 @@ def test_mistakes_have_their_line(tmp_path: Path, text: str, told: str) -> None:
 @pytest.mark.parametrize(
     ("fields", "signing"),
     [
-        ("", Signing.OFF),
-        ("trust: keys/field\n", Signing.REQUIRED),
-        ("trust: keys/field\nsigning: off\n", Signing.OFF),
+        ("", SigningPolicy.OFF),
+        ("trust: keys/field\n", SigningPolicy.REQUIRED),
+        ("trust: keys/field\nsigning: off\n", SigningPolicy.OFF),
     ],
 )
-def test_the_keys_of_a_fleet_stand_beside_it(tmp_path: Path, fields: str, signing: Signing) -> None:
+def test_the_keys_of_a_fleet_stand_beside_it(
+    tmp_path: Path, fields: str, signing: SigningPolicy
+) -> None:
     """In a fleet file, and in a mission that names it from another folder."""
     path = tmp_path / "far" / "fleet.yaml"
     path.parent.mkdir()

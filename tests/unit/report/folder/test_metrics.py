@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as hnp
 
 from swarm_ctl.core.law import formation
 from swarm_ctl.report.folder.files import Damage
-from swarm_ctl.report.folder.flight import Flight, Source, flight_of
+from swarm_ctl.report.folder.flight import Flight, TrackSource, flight_of
 from swarm_ctl.report.folder.metrics import (
     approaches,
     formation_error,
@@ -29,7 +29,7 @@ alive = hnp.arrays(np.bool_, (3, 4))
 def _flight(
     points: Floats,
     live: Bools | None = None,
-    source: Source = Source.TRUTH,
+    source: TrackSource = TrackSource.TRUTH,
     airborne: Bools | None = None,
 ) -> Flight:
     moments, n = points.shape[:2]
@@ -178,7 +178,7 @@ def test_on_the_ground_the_noise_of_estimates_is_no_approach() -> None:
     """By the truth any distance counts while some vehicle flies."""
     points = np.array([[[0, 0], [1, 0]], [[0, 0], [1, 0]]], dtype=float)
     one = np.array([[True, False]] * 2)
-    assert list(approaches(_flight(points, source=Source.ESTIMATES, airborne=one))) == []
+    assert list(approaches(_flight(points, source=TrackSource.ESTIMATES, airborne=one))) == []
     assert len(list(approaches(_flight(points, airborne=one)))) == 1
     assert list(approaches(_flight(points, airborne=np.zeros((2, 2), bool)))) == []
 

@@ -18,7 +18,7 @@ from swarm_ctl.core.model.steps.return_ import ReturnStep
 from swarm_ctl.core.model.vehicle import OVER_M
 from swarm_ctl.recording.mcap_recorder import McapRecorder
 from swarm_ctl.recording.run_recorder import RunRecorder
-from swarm_ctl.report.folder.flight import Source
+from swarm_ctl.report.folder.flight import TrackSource
 from swarm_ctl.report.folder.manifest import write_manifest
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary
@@ -274,7 +274,7 @@ def test_real_vehicles_complete_by_their_own_estimates(run: Path) -> None:
         (),
         (),
     )
-    assert set(summary.judged_by.values()) == {Source.ESTIMATES}
+    assert set(summary.judged_by.values()) == {TrackSource.ESTIMATES}
     assert summary.truth is None
     assert summary.min_true_distance_m is None
     assert summary.min_distance_m == pytest.approx(true.min_distance_m, abs=0.02)
@@ -289,7 +289,7 @@ def test_a_mixed_fleet_has_both(run: Path) -> None:
     summary = _estimated(run, (2, 5))
     assert (summary.outcome, summary.reason) == ("completed", "")
     assert summary.judged_by == {
-        i: Source.ESTIMATES if i in (2, 5) else Source.TRUTH for i in range(1, 7)
+        i: TrackSource.ESTIMATES if i in (2, 5) else TrackSource.TRUTH for i in range(1, 7)
     }
     assert summary.time_to_form_s is not None
     assert summary.min_true_pair is not None

@@ -19,7 +19,7 @@ from swarm_ctl.report.page.html_page import make_comparison, make_report
 from swarm_ctl.report.page.player import OFF_M, player
 from swarm_ctl.report.page.run_history import RunHistory, read_history
 from swarm_ctl.station.picture.alarms import Level
-from swarm_ctl.station.picture.journal import Entry, EntryKind
+from swarm_ctl.station.picture.journal import EntryKind, JournalLine
 from tests.unit.report.run_folders import FORM, HOLD, draw_nothing, position, write_run
 
 EVIL = "</script><script>document.title='run'</script>"
@@ -81,7 +81,7 @@ def test_the_values_are_those_of_the_flight(history: RunHistory) -> None:
 
 def test_only_the_players_own_script_may_run(pages: tuple[Path, Path], history: RunHistory) -> None:
     """The policy has the hash of the one script; text of a run cannot end the data."""
-    entry = Entry(25.0, EntryKind.ALARM, Level.ERROR, (1,), EVIL)
+    entry = JournalLine(25.0, EntryKind.ALARM, Level.ERROR, (1,), EVIL)
     part = player([(history, [entry])])
     assert part.count("<script") == 2
     assert EVIL in data_of(part)["runs"][0]["marks"][0]["text"]

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from swarm_ctl.core.model.messages import Outcome
-from swarm_ctl.report.folder.flight import Source
+from swarm_ctl.report.folder.flight import TrackSource
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import ProtectionSummary, StepVerdict, Summary
 from swarm_ctl.report.page.summary_table import brief, render_summary, verdict_line
@@ -50,7 +50,7 @@ def test_a_completed_run_on_one_screen(summary: Summary) -> None:
 
 def test_the_last_line_is_the_verdict_with_its_reason_or_its_source(summary: Summary) -> None:
     assert verdict_line(summary).plain == "completed: judged by the simulator's truth"
-    sources = dict.fromkeys(summary.judged_by, Source.ESTIMATES)
+    sources = dict.fromkeys(summary.judged_by, TrackSource.ESTIMATES)
     estimated = summary.model_copy(update={"judged_by": sources})
     assert verdict_line(estimated).plain == "completed: judged by the vehicles' own estimates"
     told = {"outcome": Outcome.FAILED, "reason": "agents 2, 5 collided"}

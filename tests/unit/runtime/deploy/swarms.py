@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from swarm_ctl.core.model.fleet import Fleet, Signing
+from swarm_ctl.core.model.fleet import Fleet, SigningPolicy
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.mission.compile.loader import loads
 from swarm_ctl.mission.compile.plan_file import named_by_hash
@@ -34,7 +34,7 @@ def fleet(trust: Path | None = None, endpoint: str = "") -> Fleet:
     )
     if trust is None:
         return Fleet(agents)
-    return Fleet(agents, str(trust), Signing.REQUIRED)
+    return Fleet(agents, str(trust), SigningPolicy.REQUIRED)
 
 
 def whole_hash() -> str:

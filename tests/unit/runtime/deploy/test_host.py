@@ -18,7 +18,7 @@ from swarm_ctl.runtime.deploy import services as services_module
 from swarm_ctl.runtime.deploy.bundle import Bundle, bundles_of
 from swarm_ctl.runtime.deploy.host import Host
 from swarm_ctl.runtime.deploy.manifest import Service
-from swarm_ctl.runtime.deploy.report import State
+from swarm_ctl.runtime.deploy.report import ReportedState
 from swarm_ctl.runtime.deploy.services import Plain, Systemd
 from swarm_ctl.runtime.deploy.units import units_of
 from tests.unit.runtime.deploy.swarms import fleet, keys, plan, whole_hash
@@ -187,8 +187,8 @@ def test_how_a_process_stands_is_in_its_flight(host: Host) -> None:
     scripted(host).running.discard("agent-2")
     (host.root / "flight/agent-2.log").write_text("agent: ready\nerror: no port\n")
     states = {each.name: (each.state, each.said) for each in host.report().services}
-    assert states["agent-1"] == (State.RUNNING, "")
-    assert states["agent-2"] == (State.FAILED, "error: no port")
+    assert states["agent-1"] == (ReportedState.RUNNING, "")
+    assert states["agent-2"] == (ReportedState.FAILED, "error: no port")
 
 
 def test_a_process_without_systemd_outlives_its_starter(tmp_path: Path) -> None:

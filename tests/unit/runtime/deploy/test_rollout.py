@@ -19,9 +19,9 @@ from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.mission.compile.plan_file import plan_to_json
 from swarm_ctl.runtime.deploy import rollout
 from swarm_ctl.runtime.deploy.bundle import Bundle, bundles_of
-from swarm_ctl.runtime.deploy.report import HostReport, ServiceReport, State
+from swarm_ctl.runtime.deploy.report import HostReport, ReportedState, ServiceReport
 from swarm_ctl.runtime.deploy.rollout import Hosts, HostState, parted
-from swarm_ctl.runtime.deploy.ssh import Answer, Reach, Ssh
+from swarm_ctl.runtime.deploy.ssh import Reach, Ssh, SshResult
 from tests.unit.mission.example import TEXT
 from tests.unit.runtime.deploy.swarms import fleet, plan, whole_hash
 
@@ -40,15 +40,17 @@ class Script:
         monkeypatch.setattr(rollout, "_AGAIN_S", 0.01)
         monkeypatch.setattr(Ssh, "ask", lambda _, host, words, *__: self._answer(host, words))
 
-    def _answer(self, host: str, words: Sequence[str]) -> Answer:
+    def _answer(self, host: str, words: Sequence[str]) -> SshResult:
         self.calls.append((host, words[0]))
         report: dict[str, object] = {"version": __version__, "manager": "systemd"}
         if host == "drone2":
             self._offline -= 1
             if self._offline >= 0:
-                return Answer(Reach.OFFLINE, words="No route to host")
+                return SshResult(Reach.OFFLINE, words="No route to host")
             report |= self._report
-        return Answer(Reach.ANSWERED, HostReport.model_validate(report).model_dump_json().encode())
+        return SshResult(
+            Reach.ANSWERED, HostReport.model_validate(report).model_dump_json().encode()
+        )
 
 
 def brought(wait_s: float = 60, *, restart: bool = False) -> tuple[dict[str, HostState], list[str]]:
@@ -67,7 +69,7 @@ def bundles() -> dict[str, Bundle]:
 
 
 def running(whole_hash: str = OLD, current: str = "") -> dict[str, object]:
-    service = ServiceReport(name="agent-3", state=State.RUNNING)
+    service = ServiceReport(name="agent-3", state=ReportedState.RUNNING)
     return {"services": (service,), "whole_hash": whole_hash, "current": current}
 
 
@@ -156,12 +158,12 @@ def test_no_agent_starts_below_those_that_fly() -> None:
     """All run, or none does: a router counts for neither."""
     made = bundles()
 
-    def stand(one: State, two: State, three: State) -> str:
+    def stand(one: ReportedState, two: ReportedState, three: ReportedState) -> str:
         first = HostReport(
             version="",
             manager="",
             services=(
-                ServiceReport(name="router", state=State.RUNNING),
+                ServiceReport(name="router", state=ReportedState.RUNNING),
                 ServiceReport(name="agent-1", state=one),
                 ServiceReport(name="agent-2", state=two),
             ),
@@ -175,9 +177,9 @@ def test_no_agent_starts_below_those_that_fly() -> None:
         }
         return parted(states, made)
 
-    assert stand(State.RUNNING, State.RUNNING, State.RUNNING) == ""
-    assert stand(State.ENDED, State.STOPPED, State.FAILED) == ""
-    told = stand(State.RUNNING, State.ENDED, State.FAILED)
+    assert stand(ReportedState.RUNNING, ReportedState.RUNNING, ReportedState.RUNNING) == ""
+    assert stand(ReportedState.ENDED, ReportedState.STOPPED, ReportedState.FAILED) == ""
+    told = stand(ReportedState.RUNNING, ReportedState.ENDED, ReportedState.FAILED)
     assert told.startswith("drone1: agent-2, drone2: agent-3 would start while others may fly (dr")
 
 
@@ -254,7 +256,7 @@ def test_a_host_that_does_not_answer_is_waited_for_so_long(
     assert (answer.reach, answer.words) == (Reach.OFFLINE, "no answer for 0.3 s")
 
 
-def report(name: str, state: State, said: str = "", whole_hash: str = OLD) -> HostState:
+def report(name: str, state: ReportedState, said: str = "", whole_hash: str = OLD) -> HostState:
     service = ServiceReport(name=name, state=state, said=said)
     found = HostReport(
         version="0.2.0", manager="systemd", whole_hash=whole_hash, services=(service,)
@@ -266,9 +268,9 @@ def test_six_hosts_in_eighty_columns(capsys: pytest.CaptureFixture[str]) -> None
     """Another plan, a failed agent and a host that is not reached stand out, and in the exit
     code."""
     states = {
-        "drone1.local": report("agent-1", State.RUNNING),
-        "drone2.local": report("agent-2", State.ENDED, "agent: completed"),
-        "drone3.local": report("agent-3", State.RUNNING, whole_hash="f" * 16),
+        "drone1.local": report("agent-1", ReportedState.RUNNING),
+        "drone2.local": report("agent-2", ReportedState.ENDED, "agent: completed"),
+        "drone3.local": report("agent-3", ReportedState.RUNNING, whole_hash="f" * 16),
     }
     wanted = common_plan(states)
     assert exit_code({"drone1.local": states["drone1.local"]}, wanted) == 0

@@ -15,7 +15,7 @@ from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.wires import MemoryWire, memory_wires
 from swarm_ctl.runtime.gcs.config import GcsAddress, RelayVehicle
 from swarm_ctl.runtime.gcs.gcs_socket import GcsSocket
-from swarm_ctl.runtime.gcs.relay import BURST, RATE_HZ, Relay
+from swarm_ctl.runtime.gcs.relay import BURST, RATE_HZ, GcsRelay
 from swarm_ctl.runtime.gcs.throttle import Throttle
 from swarm_ctl.runtime.gcs.vehicle_port import VehiclePort
 
@@ -64,7 +64,7 @@ class Bench:
             config = RelayVehicle(sysid, sysid, 251 - sysid, "memory", shared=sysid == 3)
             ports.append(VehiclePort(config, here))
         self.sockets = [GcsSocket(GcsAddress("127.0.0.1", self.gcs.port, self.own_port), 0.0)]
-        self.relay = Relay(ports, self.sockets)
+        self.relay = GcsRelay(ports, self.sockets)
         self.now = 0.0
 
     def step(self, seconds: float = 0.01) -> None:

@@ -12,8 +12,8 @@ import pytest
 
 from swarm_ctl.errors import StartError
 from swarm_ctl.runtime.lockstep.keeper import Keeper, Rules
-from swarm_ctl.runtime.lockstep.member import KeeperGoneError, Member
-from swarm_ctl.runtime.lockstep.words import Phase, Tick, Word, pack_json, packets
+from swarm_ctl.runtime.lockstep.member import KeeperGoneError, LockstepMember
+from swarm_ctl.runtime.lockstep.words import TickPhase, TickWord, Word, pack_json, packets
 
 pytestmark = pytest.mark.timeout(20)
 
@@ -28,19 +28,25 @@ class Barrier:
         self.notes: list[str] = []
         self.address = f"test-{uuid.uuid4()}"
         self.keeper = Keeper(rules, self.address, self.notes.append)
-        self.members: dict[str, Member] = {}
+        self.members: dict[str, LockstepMember] = {}
         for name in rules.expected:
             self.join(name)
         self._thread = threading.Thread(target=self.keeper.serve)
         self._thread.start()
 
-    def join(self, name: str, *, late: bool = False) -> Member:
+    def join(self, name: str, *, late: bool = False) -> LockstepMember:
         """Its constructor waits for an answer, which comes from the thread."""
-        phase = Phase.WORLD if name == WORLD else Phase.AFTER if name == "test" else Phase.SWARM
-        made: list[Member] = []
+        phase = (
+            TickPhase.WORLD
+            if name == WORLD
+            else TickPhase.AFTER
+            if name == "test"
+            else TickPhase.SWARM
+        )
+        made: list[LockstepMember] = []
         port = PORTS.get(name, 0)
         thread = threading.Thread(
-            target=lambda: made.append(Member(self.address, name, phase, port))
+            target=lambda: made.append(LockstepMember(self.address, name, phase, port))
         )
         thread.start()
         if not late:
@@ -51,7 +57,7 @@ class Barrier:
         self.members[name] = made[0]
         return made[0]
 
-    def tick(self, name: str, wall_seconds: float = 5.0) -> Tick:
+    def tick(self, name: str, wall_seconds: float = 5.0) -> TickWord:
         until = time.monotonic() + wall_seconds
         while time.monotonic() < until:
             tick = self.members[name].wait(0.05)
@@ -226,7 +232,7 @@ def test_a_pace_slows_down_and_never_hurries() -> None:
 def test_a_stranger_does_not_stop_the_clock() -> None:
     """Bytes that are no word end that connection alone."""
     with barrier(WORLD) as b:
-        stranger = Member(b.address, "stranger", Phase.SWARM)
+        stranger = LockstepMember(b.address, "stranger", TickPhase.SWARM)
         stranger._send(b"\x05\x00")
         with pytest.raises(KeeperGoneError):
             stranger.wait(5.0)
@@ -237,14 +243,14 @@ def test_a_stranger_does_not_stop_the_clock() -> None:
 def test_no_keeper() -> None:
     """A process that is to join a clock that is not there says so."""
     with pytest.raises(StartError, match="clock does not answer"):
-        Member("swarm-ctl-nowhere", FIRST, Phase.SWARM)
+        LockstepMember("swarm-ctl-nowhere", FIRST, TickPhase.SWARM)
 
 
 def test_the_keeper_is_not_given_up_while_others_start(monkeypatch: pytest.MonkeyPatch) -> None:
     """A hundred processes may need longer to start than a keeper may be silent."""
     monkeypatch.setattr("swarm_ctl.runtime.lockstep.keeper._TELL_WALL_S", 0.05)
     monkeypatch.setattr("swarm_ctl.runtime.lockstep.member._SILENT_WALL_S", 0.5)
-    with barrier(WORLD) as b, closing(Member(b.address, FIRST, Phase.SWARM)) as waits:
+    with barrier(WORLD) as b, closing(LockstepMember(b.address, FIRST, TickPhase.SWARM)) as waits:
         until = time.monotonic() + 1.0
         while time.monotonic() < until:  # it has not heard all others yet, so it is not ready
             assert waits.wait(0.01) is None
@@ -256,6 +262,6 @@ def test_the_first_word_to_a_process_is_its_welcome(monkeypatch: pytest.MonkeyPa
     with barrier(WORLD) as b, closing(packets()) as slow:
         slow.connect("\0" + b.address)
         time.sleep(0.2)
-        slow.send(pack_json(Word.JOIN, name="late", phase=Phase.SWARM, port=0))
+        slow.send(pack_json(Word.JOIN, name="late", phase=TickPhase.SWARM, port=0))
         slow.settimeout(5.0)
         assert slow.recv(4096)[0] == Word.WELCOME

@@ -14,7 +14,7 @@ from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.mavlink.wires import memory_wires
 from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.runtime.radio.agent_port import AgentPort, owners
-from swarm_ctl.runtime.radio.switch import Place, Switch
+from swarm_ctl.runtime.radio.switch import RadioRoute, Switch
 from tests.unit.runtime.radio.test_switch import drained, heartbeat, setpoint
 
 AGENT, VEHICLE = 250, 1
@@ -31,7 +31,7 @@ class Bench:
         self.wire = opened.enter_context(contextlib.closing(AgentPort(1, self.port, self.table)))
         near, self.radio = memory_wires()
         entry = FleetAgent(1, VEHICLE, "ardupilot", agent_sysid=AGENT)
-        self.switch = Switch(near, [Place(entry, self.wire, 100.0)], "serial:/dev/x", 57600)
+        self.switch = Switch(near, [RadioRoute(entry, self.wire, 100.0)], "serial:/dev/x", 57600)
         self.agent, self.other = (opened.enter_context(self.program()) for _ in range(2))
         self.now = 0.0
 

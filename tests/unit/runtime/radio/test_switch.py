@@ -14,7 +14,7 @@ from swarm_ctl.mavlink.wires import MemoryWire, memory_wires, open_wire
 from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.runtime.radio.agent_port import AgentPort
 from swarm_ctl.runtime.radio.lateness import LATE_S
-from swarm_ctl.runtime.radio.switch import STALLED_S, Place, Switch
+from swarm_ctl.runtime.radio.switch import STALLED_S, RadioRoute, Switch
 
 TURN_S = 0.005
 
@@ -48,7 +48,7 @@ class Bench:
             wire, far = memory_wires()
             self.agents.append(far)
             entry = FleetAgent(i, i, "ardupilot", agent_sysid=251 - i)
-            places.append(Place(entry, wire, 10.0))
+            places.append(RadioRoute(entry, wire, 10.0))
         self.switch = Switch(near, places, "serial:/dev/x", 5760)
         self.now = 0.0
         self.turn()
@@ -167,7 +167,9 @@ def test_vehicles_at_one_udp_port_each_get_their_own_frames_however_they_speak()
             vehicles[i].connect(("127.0.0.1", port))
             vehicles[i].setblocking(False)
             wire, far[i] = memory_wires()
-            places.append(Place(FleetAgent(i, i, "ardupilot", agent_sysid=251 - i), wire, 10.0))
+            places.append(
+                RadioRoute(FleetAgent(i, i, "ardupilot", agent_sysid=251 - i), wire, 10.0)
+            )
         switch, dice, got = (
             Switch(radio, places, "udpin", 100_000),
             random.Random(1),
@@ -193,7 +195,7 @@ def test_an_agent_that_speaks_from_another_port_is_answered_there() -> None:
     near, radio = memory_wires()
     with contextlib.ExitStack() as stack:
         wire = stack.enter_context(contextlib.closing(AgentPort(1, port)))
-        switch = Switch(near, [Place(entry, wire, 10.0)], "serial:/dev/x", 5760)
+        switch = Switch(near, [RadioRoute(entry, wire, 10.0)], "serial:/dev/x", 5760)
         agents = []
         for _ in range(2):
             agent = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))

@@ -10,8 +10,8 @@ import pytest
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.plan import Geodetic
 from swarm_ctl.errors import StartError
-from swarm_ctl.runtime.vehicles.autopilots import ArduCopter, Px4, Sitl
-from swarm_ctl.runtime.vehicles.order import Order
+from swarm_ctl.runtime.vehicles.autopilots import ArduCopter, Px4Sitl, Sitl
+from swarm_ctl.runtime.vehicles.order import VehicleOrder
 
 PLACE = Geodetic(-35.363262, 149.165237, 584.0)
 
@@ -19,8 +19,8 @@ PLACE = Geodetic(-35.363262, 149.165237, 584.0)
 def _sitl(kind: VehicleKind, binary: Path, tmp_path: Path, speedup: float = 1.0) -> Sitl:
     folder = tmp_path / "own"
     folder.mkdir()
-    maker = ArduCopter if kind is VehicleKind.ARDUCOPTER else Px4
-    return maker(Order(3, 7, kind, binary, PLACE), 30, folder, speedup)
+    maker = ArduCopter if kind is VehicleKind.ARDUCOPTER else Px4Sitl
+    return maker(VehicleOrder(3, 7, kind, binary, PLACE), 30, folder, speedup)
 
 
 @pytest.mark.parametrize("beside", [True, False])

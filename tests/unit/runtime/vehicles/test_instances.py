@@ -11,7 +11,7 @@ from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.errors import StartError
 from swarm_ctl.runtime.launch.ground_control import KNOWN
 from swarm_ctl.runtime.vehicles import instances
-from swarm_ctl.runtime.vehicles.instances import UDP, Instances, Ports
+from swarm_ctl.runtime.vehicles.instances import UDP, InstancePorts, Instances
 
 PX4 = VehicleKind.PX4
 
@@ -19,7 +19,7 @@ PX4 = VehicleKind.PX4
 @pytest.fixture(autouse=True)
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ports of this test alone, for three instances."""
-    ports = Ports(((UDP, 19210), (instances.TCP, 19220)), 1, (UDP, 19230), 3)
+    ports = InstancePorts(((UDP, 19210), (instances.TCP, 19220)), 1, (UDP, 19230), 3)
     monkeypatch.setitem(instances.PORTS, PX4, ports)
 
 

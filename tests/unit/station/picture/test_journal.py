@@ -7,7 +7,7 @@ from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Ack, Command, CommandKind, Event
 from swarm_ctl.runtime.station.ground_station import swarm_now
 from swarm_ctl.station.picture.alarms import Level
-from swarm_ctl.station.picture.journal import Entry, Journal
+from swarm_ctl.station.picture.journal import Journal, JournalLine
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.view import SwarmView
 from tests.unit.station.swarm import flying_model, hexagon_plan, state_of, status_of
@@ -50,7 +50,9 @@ def test_an_alarm_is_raised_once_acknowledged_and_cleared() -> None:
     for now in (31.0, 36.0, 41.0, 42.0):
         journal.update(flight.view(now, 80.0))
     assert _kinds(journal) == [("alarm", (2,)), ("station", ()), ("cleared", (2,))]
-    assert journal.entries[-1] == Entry(31.0, "cleared", Level.WELL, (2,), "battery (agent 2)")
+    assert journal.entries[-1] == JournalLine(
+        31.0, "cleared", Level.WELL, (2,), "battery (agent 2)"
+    )
     assert journal.standing == ()
 
 
@@ -68,7 +70,7 @@ def test_events_of_several_agents_and_views_become_one_line() -> None:
             model.fold(Event(agent, now, "info", "step 3: hold"), now)
         journal.update(model.view(now))
     assert journal.entries == (
-        Entry(30.0, "event", Level.WELL, (1, 2, 3, 4, 5, 6), "step 3: hold"),
+        JournalLine(30.0, "event", Level.WELL, (1, 2, 3, 4, 5, 6), "step 3: hold"),
     )
 
 
@@ -76,7 +78,7 @@ def test_status_texts_are_told_apart() -> None:
     model, journal = flying_model(PLAN), Journal()
     model.fold(Event(3, 30.0, "warning", "vehicle: EKF variance"), 30.0)
     journal.update(model.view(30.0))
-    assert journal.entries == (Entry(30.0, "vehicle", Level.WARNING, (3,), "EKF variance"),)
+    assert journal.entries == (JournalLine(30.0, "vehicle", Level.WARNING, (3,), "EKF variance"),)
 
 
 def test_a_command_is_one_line_that_grows() -> None:
@@ -142,7 +144,7 @@ def test_alarms_of_one_reason_from_several_views_are_one_line() -> None:
             model.fold(status_of(PLAN, agent, 30.0, **landed), 30.0)
         journal.update(model.view(30.0 + 0.2 * k))
     assert journal.entries == (
-        Entry(30.0, "alarm", Level.WARNING, (1, 2, 3, 4, 5, 6), "agents 1-6: landed"),
+        JournalLine(30.0, "alarm", Level.WARNING, (1, 2, 3, 4, 5, 6), "agents 1-6: landed"),
     )
 
 
