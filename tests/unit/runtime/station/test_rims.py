@@ -44,7 +44,7 @@ PARTS = {
     "fold": "swarm_ctl.station.picture.model.Model.fold",
     "view": "swarm_ctl.station.picture.model.Model.view",
     "lines": "swarm_ctl.runtime.station.printers.log_lines",
-    "screen": "swarm_ctl.runtime.station.relay.Relay.show",
+    "screen": "swarm_ctl.runtime.station.relay.StationRelay.show",
     "record": "swarm_ctl.recording.run_recorder.RunRecorder.take",
     "troubles": "swarm_ctl.recording.run_recorder.RunRecorder.note",
     "encode": "swarm_ctl.recording.mcap_recorder.Recorder._record",
