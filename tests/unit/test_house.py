@@ -74,6 +74,8 @@ BOTH_SIDES = {"KeeperGoneError", "Streams", "TickWord", "LagResponse"}
 """The same thing in `swarm_ctl` and in the simulator, which shares no code with it."""
 FACES = {"Lifeline"}
 """What a command needs of a class, beside the class."""
+INNER_LOOPS = {"Other", "Pair"}
+"""Rows of `core/kernel` that each tick makes for each aircraft: by name they take longer."""
 UNTIL_STUDIES_FLY_THE_KERNEL = {"Coast", "Heard", "Margins", "Model", "Pairs"}
 
 
@@ -103,5 +105,6 @@ def test_no_constructor_takes_more_than_six_values_by_position() -> None:
         and isinstance(node.func, ast.Name)
         and node.func.id.lstrip("_")[:1].isupper()
         and sum(not isinstance(value, ast.Starred) for value in node.args) > 6
+        and node.func.id not in INNER_LOOPS
     ]
     assert found == []
