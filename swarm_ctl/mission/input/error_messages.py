@@ -29,13 +29,15 @@ def problems_of(
     errors: Iterable[Mapping[str, Any]], document: Document, schema: _Schema
 ) -> list[Problem]:
     """Entries of `ValidationError.errors()` as problems. A misspelt field that is missing, too, is
-    one mistake."""
+    one mistake; a list is not too short because its entries are wrong."""
     errors = list(errors)
     meant = {place for error in errors for place in _meant(error, schema)}
+    around = {error["loc"][:k] for error in errors for k in range(len(error["loc"]))}
+    said_by = {"missing": meant, "too_short": around}
     return [
         problem_of(error, document, schema)
         for error in errors
-        if error["type"] != "missing" or tuple(error["loc"]) not in meant
+        if tuple(error["loc"]) not in said_by.get(error["type"], ())
     ]
 
 

@@ -97,6 +97,18 @@ def test_what_is_written_is_what_is_read(dead: int, lag: int, most: int) -> None
     assert data["agents"][0] == {"id": 3}
 
 
+def test_a_list_of_wrong_entries_is_not_too_short(tmp_path: Path) -> None:
+    """Each entry's mistake is told, and none that is not there."""
+    file = tmp_path / "fleet.yaml"
+    file.write_text("agents: [{id: 1, vehicle: nonsense}, {id: 2, vehicle: nonsense}]")
+    with pytest.raises(MissionError) as told:
+        read_fleet(file)
+    assert [problem.field for problem in told.value.problems] == [
+        "agents#1.vehicle",
+        "agents#2.vehicle",
+    ]
+
+
 def test_an_agent_that_is_not_there() -> None:
     with pytest.raises(InputError, match="no entry for agent 5"):
         with_response("agents: [{id: 3}]", 5, FOUND)
