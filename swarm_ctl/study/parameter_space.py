@@ -22,10 +22,10 @@ from pydantic import (
     model_validator,
 )
 
-from swarm_ctl.core.law.laws import pinned
 from swarm_ctl.core.law.stop_point import TYPICAL
 from swarm_ctl.core.model.plan import Compensation, LawParameters, Response
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
+from swarm_ctl.own_laws import pinned
 
 ShapeKind = Literal["ring", "line", "grid", "vee", "wedge"]
 SlotOrder = Literal["given", "random", "nearest"]

@@ -37,6 +37,7 @@ from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.transport import Transport
 from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.own_laws import own_law_of
 from swarm_ctl.runtime.agent.publish import listen, publish
 from swarm_ctl.runtime.collector import collected_rarely
 from swarm_ctl.runtime.launch.sim_config import simulator_config
@@ -162,6 +163,7 @@ class VirtualSwarm:
             speedup=math.inf if self._lockstep else 1.0,
             same_clock=() if agent_id in self._clocks else ids - self._clocks.keys(),
             group=self._groups.get(agent_id),
+            own_law=own_law_of(plan.law),
         )
         self.members[agent_id] = VirtualAgent(agent, link, node, remembering, clock=clock)
         return far

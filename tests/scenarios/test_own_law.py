@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarm_ctl.core.law.laws import LawError, law_of, pinned
 from swarm_ctl.core.model.plan import LawParameters
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.mission.compile.loader import load, loads
+from swarm_ctl.own_laws import LawError, law_of, pinned
 from swarm_ctl.study.batch.batch import draw
 from swarm_ctl.study.batch.batch_flight import BatchResult, fly
 from swarm_ctl.study.parameter_space import Study

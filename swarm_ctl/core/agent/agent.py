@@ -27,6 +27,7 @@ from swarm_ctl.core.agent.takeover import Takeover
 from swarm_ctl.core.agent.tick import Attention, HeardStation, Tick
 from swarm_ctl.core.control.controller import Controller
 from swarm_ctl.core.control.navigation import Navigator, OwnFix
+from swarm_ctl.core.law.formation_law import OwnLaw
 from swarm_ctl.core.model.messages import (
     Ack,
     AgentState,
@@ -125,6 +126,7 @@ class Agent:
             wall clock.
         same_clock: the agents that were started with it on the same clock.
         group: who flies which steps with it; None: all agents, all steps.
+        own_law: the law that the plan pins in place of the paper's (`own_laws.py`).
     """
 
     def __init__(
@@ -139,6 +141,7 @@ class Agent:
         speedup: float = 1.0,
         same_clock: Container[int] = (),
         group: GroupPlan | None = None,
+        own_law: OwnLaw | None = None,
     ) -> None:
         group, response = group or plan.group, vehicle or plan.response
         self._plan, self._id = plan, agent_id
@@ -150,7 +153,7 @@ class Agent:
         self._peers = Peers(plan, agent_id, same_clock, group)
         self._group = Group(plan, group, agent_id, self._peers, now, log)
         self._interruption = Interruption(own, self._group.progress, log)
-        self._controller = Controller(plan, agent_id, response)
+        self._controller = Controller(plan, agent_id, response, own_law)
         self._attention = Attention()
         self._station: HeardStation | None = None
         self._notes: list[ParameterNote] = []

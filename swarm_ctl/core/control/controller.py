@@ -16,8 +16,7 @@ from swarm_ctl.core.control.law_input import LawInput, LawInputBuilder, flies_al
 from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.kernel import align, law
 from swarm_ctl.core.kernel.wish import bent, shortened
-from swarm_ctl.core.law.formation_law import LawResult
-from swarm_ctl.core.law.laws import law_of
+from swarm_ctl.core.law.formation_law import LawResult, OwnLaw
 from swarm_ctl.core.law.own_response import OwnResponse
 from swarm_ctl.core.model.messages import Gains, PairReport, SigmaReport
 from swarm_ctl.core.model.plan import Compensation, Plan, Point, Response
@@ -39,14 +38,19 @@ class Controller:
 
     Remembers how the vehicle follows, for its stop point, and the law's last result, for the
     report.
-    `vehicle` is how the own vehicle answers a setpoint.
+    `vehicle` is how the own vehicle answers a setpoint, `own_law` the law that the plan pins in
+    place of the paper's. ValueError where that one is not given.
     """
 
-    def __init__(self, plan: Plan, own_id: int, vehicle: Response) -> None:
+    def __init__(
+        self, plan: Plan, own_id: int, vehicle: Response, own_law: OwnLaw | None = None
+    ) -> None:
+        if bool(plan.law.own) is not (own_law is not None):
+            raise ValueError(f"the plan's law is {plan.law.own or 'the paper'}: not what is given")
         self._plan = plan
         self._own = own_id
         self._law_input = LawInputBuilder(plan, own_id)
-        self._own_law = law_of(plan.law) if plan.law.own else None
+        self._own_law = own_law
         self.estimate = OwnResponse(vehicle, plan.tick_s)
         self.headwind = Headwind(vehicle, plan.tick_s)
         self._located_s, self._down_m = math.inf, 0.0

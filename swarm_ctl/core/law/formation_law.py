@@ -11,7 +11,8 @@ p_j`, `x = |q|`, `S = q . n`, `C = q x n`, `beta = h / N^2`, `D_lb`/`D_ub` the b
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +58,11 @@ class LawResult:
     avoidance: Floats
     pairs: Pairs | None
     """None where no two agents are within `r_out`."""
+
+
+OwnLaw: TypeAlias = Callable[..., LawResult]
+"""A user's law, with the arguments of `evaluate`, by position. For agents the leading axes are (1,)
+and `law.h` is a number; for studies (missions, agents) and (missions, 1)."""
 
 
 def evaluate(

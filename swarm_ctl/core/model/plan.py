@@ -50,7 +50,7 @@ class LawParameters:
     delta_l: float = 2.0
     delta_a: float = 0.1
     own: str = ""
-    """NAME@DIGEST of an own law (`core/law/laws.py`); '': the paper's."""
+    """NAME@DIGEST of an own law (`own_laws.py`); '': the paper's."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,8 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from swarm_ctl.core.law import graph, laws
+from swarm_ctl import own_laws
+from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import distances
 from swarm_ctl.core.safety.fence import area, crossing_edges, inside
 from swarm_ctl.core.swarm.hearing import SMALL_SWARM
@@ -76,7 +77,7 @@ def _own_law(mission: MissionFile) -> Findings:
     if mission.law.own is None:
         return
     try:
-        laws.pinned(mission.law.own)
+        own_laws.pinned(mission.law.own)
     except InputError as error:
         what, _, allowed = str(error).partition("; allowed: ")
         yield Mistake(("law", "own"), what, allowed)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from swarm_ctl.core.law import graph
-from swarm_ctl.core.law.laws import pinned
 from swarm_ctl.core.model import plan
 from swarm_ctl.core.model.plan import Compensation, Plan, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.table import AnyStep
 from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.steps.table import KINDS
+from swarm_ctl.own_laws import pinned
 
 _FENCE_MARGIN_M = 100.0
 """Around everything planned, where a mission draws no fence of its own."""

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from swarm_ctl.core.kernel import align
-from swarm_ctl.core.law.laws import law_of
 from swarm_ctl.core.law.response_estimate import ResponseEstimate
 from swarm_ctl.core.law.stop_point import Coast, pending
 from swarm_ctl.core.model.arrays import MANY, Bools, Complex, Floats, complex_of_last
@@ -26,6 +25,7 @@ from swarm_ctl.core.safety.batch_safety_filter import (
     BatchSafetyFilter,
 )
 from swarm_ctl.core.safety.constraints import Margins
+from swarm_ctl.own_laws import law_of
 
 
 class Rehearsal:

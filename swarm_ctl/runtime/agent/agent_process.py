@@ -32,6 +32,7 @@ from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_config import part_in
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
+from swarm_ctl.own_laws import own_law_of
 from swarm_ctl.rim import Rim
 from swarm_ctl.runtime.agent.narration import Narration
 from swarm_ctl.runtime.agent.publish import listen, publish
@@ -245,6 +246,7 @@ def _loop(
         # in lockstep mission time has no pace: no command is old
         speedup=math.inf if config.lockstep else config.speedup,
         same_clock=config.same_clock,
+        own_law=own_law_of(config.plan.law),
     )
     memory = VehicleMemory(config.memory) if config.memory else None
     remembering = Remembering(memory, config.endpoint, config.flight)

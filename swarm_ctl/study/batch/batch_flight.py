@@ -10,7 +10,6 @@ import numpy as np
 
 from swarm_ctl.core.law import mean_error_feedback
 from swarm_ctl.core.law.formation_law import STATUSES
-from swarm_ctl.core.law.own_swarm_law import swarm_law
 from swarm_ctl.core.law.swarm_law import NearPairs, Rings
 from swarm_ctl.core.model.arrays import (
     Bools,
@@ -35,6 +34,7 @@ from swarm_ctl.study.batch.batch_hearing import hearing_of
 from swarm_ctl.study.batch.batch_slot_exchange import BatchSlotExchange
 from swarm_ctl.study.batch.lossy_channel import HeardStates, LossyChannel
 from swarm_ctl.study.batch.motion import BatchMotion, motion_of
+from swarm_ctl.study.batch.own_swarm_law import swarm_law
 from swarm_ctl.study.parameter_space import Cell
 
 _CHECK: Final = 5

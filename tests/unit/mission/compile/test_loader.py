@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from swarm_ctl.core.law import graph, laws
+from swarm_ctl import own_laws
+from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.stop_point import TYPICAL
 from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.core.model.plan import Compensation, Policies, Policy
@@ -227,8 +228,8 @@ def changed(old: str, new: str) -> str:
 @pytest.fixture
 def own_law(monkeypatch: pytest.MonkeyPatch) -> None:
     """The paper's law is installed once more, as the own law `again`."""
-    again = EntryPoint("again", "swarm_ctl.core.law.formation_law:evaluate", laws.GROUP)
-    monkeypatch.setattr(laws.metadata, "entry_points", lambda group: [again])
+    again = EntryPoint("again", "swarm_ctl.core.law.formation_law:evaluate", own_laws.GROUP)
+    monkeypatch.setattr(own_laws.metadata, "entry_points", lambda group: [again])
 
 
 def test_the_papers_law_has_a_name() -> None:

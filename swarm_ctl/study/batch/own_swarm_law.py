@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from swarm_ctl.core.law.laws import law_of
 from swarm_ctl.core.law.swarm_law import NearPairs, SwarmLaw, SwarmTerms
 from swarm_ctl.core.model.arrays import Bools, Floats
 from swarm_ctl.core.model.plan import LawParameters
+from swarm_ctl.own_laws import law_of
 
 
 def swarm_law(slots: Floats, links: Bools, h: Floats, law: LawParameters) -> SwarmLaw:

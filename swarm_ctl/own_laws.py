@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import hashlib
 import inspect
-from collections.abc import Callable
 from importlib import metadata
-from typing import Any, Final, TypeAlias, cast
+from typing import Any, Final, cast
 
 import numpy as np
 
-from swarm_ctl.core.law.formation_law import LawResult, evaluate
+from swarm_ctl.core.law.formation_law import LawResult, OwnLaw, evaluate
 from swarm_ctl.core.model.arrays import Floats
 from swarm_ctl.core.model.plan import LawParameters
 from swarm_ctl.errors import InputError, SwarmError
@@ -23,10 +22,6 @@ from swarm_ctl.errors import InputError, SwarmError
 GROUP: Final = "swarm_ctl.laws"
 PAPER: Final = "paper"
 """The name of the law of Mondal et al., which needs no package."""
-
-Law: TypeAlias = Callable[..., LawResult]
-"""With the arguments of `formation_law.evaluate`, by position. For agents the leading axes are (1,)
-and `law.h` is a number; for studies (missions, agents) and (missions, 1)."""
 
 
 class LawError(SwarmError):
@@ -40,7 +35,12 @@ def pinned(name: str) -> str:
     return "" if name == PAPER else f"{name}@{_digest(name, _function(name))}"
 
 
-def law_of(parameters: LawParameters) -> Law:
+def own_law_of(parameters: LawParameters) -> OwnLaw | None:
+    """The own law that the plan pins, None: it flies the paper's; InputError as `law_of`."""
+    return law_of(parameters) if parameters.own else None
+
+
+def law_of(parameters: LawParameters) -> OwnLaw:
     """The law to fly; InputError where this computer has not the one that the plan pins."""
     if not parameters.own:
         return evaluate
@@ -55,7 +55,7 @@ def law_of(parameters: LawParameters) -> Law:
     return _checked(name, function)
 
 
-def _function(name: str) -> Law:
+def _function(name: str) -> OwnLaw:
     offered = {point.name: point for point in metadata.entry_points(group=GROUP)}
     if name not in offered:
         names = ", ".join([PAPER, *sorted(offered)])
@@ -67,10 +67,10 @@ def _function(name: str) -> Law:
         raise InputError(f"law {name!r} ({offered[name].value}): {error}") from None
     if not callable(function):
         raise InputError(f"law {name!r} ({offered[name].value}): allowed: a function")
-    return cast("Law", function)
+    return cast("OwnLaw", function)
 
 
-def _digest(name: str, function: Law) -> str:
+def _digest(name: str, function: OwnLaw) -> str:
     """Of the source of the function's module."""
     module = inspect.getmodule(function)
     try:
@@ -82,11 +82,11 @@ def _digest(name: str, function: Law) -> str:
     return hashlib.sha256(source.encode()).hexdigest()[:16]
 
 
-def _checked(name: str, function: Law) -> Law:
+def _checked(name: str, function: OwnLaw) -> OwnLaw:
     """The same law; LawError where its terms are not numbers for each agent."""
 
     def law(own: Floats, *others: Any) -> LawResult:
-        result = function(own, *others)
+        result: LawResult = function(own, *others)
         for term in (result.consensus, result.avoidance):
             if np.shape(term) != own.shape or not np.isfinite(term).all():
                 raise LawError(
