@@ -125,28 +125,28 @@ def _decode_state(data: bytes) -> AgentState:
     frame = Frame(values[18:20], angle_rad, scale, leg, rate) if flags & _FRAME else None
     stage, command, law, next_law = values[26:30]
     return AgentState(
-        agent=agent,
-        seq=seq,
-        time_s=time_s,
-        plan_hash=plan_hash,
-        phase=_PHASES.get(phase) or Phase(phase),
-        step=step,
-        done=flags & _DONE != 0,
-        airborne=flags & _AIRBORNE != 0,
-        position_ned_m=values[8:11],  # position (north, east, down)
-        velocity_ned_mps=values[11:14],  # velocity
-        stop_point_m=values[14:16],  # stop point (north, east)
-        setpoint_mps=values[16:18],  # setpoint
-        frame=frame,
-        stage=stage,
-        override=command,
-        gains_tag=law,
-        next_gains_tag=next_law,
-        exchange=_exchange(*values[30:]),
-        response_s=response_s,
-        doubt_s=doubt_s,
-        left=_LEFT[flags >> _LEFT_BIT & 3],
-        down=flags & _DOWN != 0,
+        agent,
+        seq,
+        time_s,
+        plan_hash,
+        _PHASES.get(phase) or Phase(phase),
+        step,
+        flags & _DONE != 0,
+        flags & _AIRBORNE != 0,
+        values[8:11],  # position (north, east, down)
+        values[11:14],  # velocity
+        values[14:16],  # stop point (north, east)
+        values[16:18],  # setpoint
+        frame,
+        stage,
+        command,
+        law,
+        next_law,
+        _exchange(*values[30:]),
+        response_s,
+        doubt_s,
+        _LEFT[flags >> _LEFT_BIT & 3],
+        flags & _DOWN != 0,
     )
 
 

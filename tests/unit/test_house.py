@@ -74,8 +74,14 @@ BOTH_SIDES = {"KeeperGoneError", "Streams", "TickWord", "LagResponse"}
 """The same thing in `swarm_ctl` and in the simulator, which shares no code with it."""
 FACES = {"Lifeline"}
 """What a command needs of a class, beside the class."""
-INNER_LOOPS = {"Other", "Pair"}
-"""Rows of `core/kernel` that each tick makes for each aircraft: by name they take longer."""
+INNER_LOOPS = {
+    ("swarm_ctl/core/kernel/law.py", "Pair"),
+    ("swarm_ctl/core/safety/safety_filter.py", "Other"),
+    ("swarm_ctl/core/swarm/peer.py", "OtherAircraft"),
+    ("swarm_ctl/mesh/payloads.py", "AgentState"),
+}
+"""Rows that each tick makes for each aircraft: by name they take two and a half times as long, 4 %
+of a tick among 32 agents."""
 UNTIL_STUDIES_FLY_THE_KERNEL = {"Coast", "Heard", "Margins", "Model", "Pairs"}
 
 
@@ -105,6 +111,6 @@ def test_no_constructor_takes_more_than_six_values_by_position() -> None:
         and isinstance(node.func, ast.Name)
         and node.func.id.lstrip("_")[:1].isupper()
         and sum(not isinstance(value, ast.Starred) for value in node.args) > 6
-        and node.func.id not in INNER_LOOPS
+        and (str(path.relative_to(ROOT)), node.func.id) not in INNER_LOOPS
     ]
     assert found == []

@@ -137,29 +137,29 @@ class Peer:
         heard, suspect, says = not self.expelled, self.suspect(now), self._says
         fresh = age_s <= FRESH_S + late_s and heard
         return OtherAircraft(
-            id=self.id,
-            state=state,
-            position=complex(state.position_ned_m[0], state.position_ned_m[1]),
-            stop_point=complex(state.stop_point_m[0], state.stop_point_m[1]),
-            setpoint=complex(state.setpoint_mps[0], state.setpoint_mps[1]),
-            age_s=age_s,
-            age_at_most_s=now - self.earliest_s,
-            fresh=fresh,
-            followed=age_s <= NEIGHBOUR_S + late_s and heard,
-            yields=age_s <= FRESH_S and heard and state.phase in _YIELDING and not suspect,
-            formation=(self.group, state.step, state.override)
+            self.id,
+            state,
+            complex(state.position_ned_m[0], state.position_ned_m[1]),
+            complex(state.stop_point_m[0], state.stop_point_m[1]),
+            complex(state.setpoint_mps[0], state.setpoint_mps[1]),
+            age_s,
+            now - self.earliest_s,
+            fresh,
+            age_s <= NEIGHBOUR_S + late_s and heard,
+            age_s <= FRESH_S and heard and state.phase in _YIELDING and not suspect,
+            (self.group, state.step, state.override)
             if fresh and state.phase is Phase.FLY
             else None,
-            response_s=self.limits.counted_s(state.response_s),
-            clock_unknown=self.clock.unknown_s is not None,
-            ends="ends" in says and self._lasts("ends", now),
-            left=state.left if "left" in says and self._lasts("left", now) else None,
-            down=state.down and "down" in says and self._lasts("down", now),
-            held=heard and "held" in says and self._lasts("held", now),
-            expelled=self.expelled,
-            suspect=suspect,
-            far=late_s > 0.0,
-            true_s=self.true_s,
+            self.limits.counted_s(state.response_s),
+            self.clock.unknown_s is not None,
+            "ends" in says and self._lasts("ends", now),
+            state.left if "left" in says and self._lasts("left", now) else None,
+            state.down and "down" in says and self._lasts("down", now),
+            heard and "held" in says and self._lasts("held", now),
+            self.expelled,
+            suspect,
+            late_s > 0.0,
+            self.true_s,
         )
 
     def approach(self, now: float, *, near: bool) -> None:
