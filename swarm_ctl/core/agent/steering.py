@@ -2,25 +2,34 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TypeAlias
 
 from swarm_ctl.core.agent.flight import OwnVehicle
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.altitude import climb_rate
 from swarm_ctl.core.control.controller import Controller
-from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Limits, Point
 from swarm_ctl.core.model.rows import row
 from swarm_ctl.core.model.vehicle import AirborneGoal, FlyGoal, Goal
-from swarm_ctl.core.swarm.snapshot import Formation
+from swarm_ctl.core.swarm.snapshot import Formation, PeerSnapshot
 
 NO_FIX = "no fresh position from the vehicle"
 
 
+class Course(ABC):
+    """What is flown by setpoints of ours."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def velocity(self, controller: Controller, peers: PeerSnapshot) -> Point:
+        """The velocity of this tick, (north, east) [m/s]."""
+
+
 @row
-class KeepClear:
+class KeepClear(Course):
     """Stay, and make room for what comes close."""
 
     ground: bool = False
@@ -28,17 +37,25 @@ class KeepClear:
     room_m: float = 0.0
     """So much at least."""
 
+    def velocity(self, controller: Controller, peers: PeerSnapshot) -> Point:
+        """Out of the way."""
+        return controller.keep_clear(peers, ground=self.ground, room_m=self.room_m)
+
 
 @row
-class FlyTo:
+class FlyTo(Course):
     """Straight to a point [m, common frame], around what stands in the way."""
 
     to_m: Point
     speed_mps: float
 
+    def velocity(self, controller: Controller, peers: PeerSnapshot) -> Point:
+        """Towards it."""
+        return controller.go_to(peers, self.to_m, self.speed_mps)
+
 
 @row
-class FlyShape:
+class FlyShape(Course):
     """The law, towards the own slot."""
 
     formation: Formation
@@ -47,17 +64,21 @@ class FlyShape:
     off_m: Point | None
     """From the own stop point to the own place, on the agent that is pinned to it."""
 
+    def velocity(self, controller: Controller, peers: PeerSnapshot) -> Point:
+        """By the law."""
+        return controller.form(peers, self.formation, self.extra_mps, self.off_m)
+
 
 @row
-class ClimbOver:
+class ClimbOver(Course):
     """Straight up over this place, against the wind."""
 
     place_m: Point
     height_m: float
 
-
-Course: TypeAlias = KeepClear | FlyTo | FlyShape | ClimbOver
-"""What is flown by setpoints of ours."""
+    def velocity(self, controller: Controller, peers: PeerSnapshot) -> Point:
+        """Back over the place."""
+        return controller.stand_at(peers, self.place_m)
 
 
 @row
@@ -108,31 +129,18 @@ class Steering:
             return course
         if fix is None:
             controller.rest()
-            return self._setpoint(tick.now, 0j, 0.0)
-        match course:
-            case KeepClear():
-                velocity = controller.keep_clear(
-                    tick.peers, ground=course.ground, room_m=course.room_m
-                )
-            case FlyTo():
-                velocity = controller.go_to(tick.peers, course.to_m, course.speed_mps)
-            case FlyShape():
-                velocity = controller.form(
-                    tick.peers, course.formation, course.extra_mps, course.off_m
-                )
-            case ClimbOver():
-                return self._climb(tick, fix, course)
-        sent = complex(*velocity) + controller.headwind.fade() - complex(*fix.drift_mps)
+            return self._setpoint(tick.now, 0.0, 0.0, 0.0)
+        velocity = course.velocity(controller, tick.peers)
+        if isinstance(course, ClimbOver):
+            flown = complex(*fix.velocity_ned_mps[:2])
+            sent = complex(*velocity) + controller.headwind.meet(complex(*velocity), flown)
+            sent -= complex(*fix.drift_mps)
+            return AirborneGoal(course.height_m, (sent.real, sent.imag))
+        against, drift = controller.headwind.fade(), fix.drift_mps
+        north, east = velocity[0] + against.real - drift[0], velocity[1] + against.imag - drift[1]
         missing_m = self._vehicle.target_height_m - self._vehicle.height(fix)
-        return self._setpoint(tick.now, sent, climb_rate(missing_m, self._limits))
+        return self._setpoint(tick.now, north, east, climb_rate(missing_m, self._limits))
 
-    def _climb(self, tick: Tick, fix: OwnFix, course: ClimbOver) -> AirborneGoal:
-        controller = self._controller
-        wanted = complex(*controller.stand_at(tick.peers, course.place_m))
-        against = controller.headwind.meet(wanted, complex(*fix.velocity_ned_mps[:2]))
-        sent = wanted + against - complex(*fix.drift_mps)
-        return AirborneGoal(course.height_m, (sent.real, sent.imag))
-
-    def _setpoint(self, now: float, velocity: complex, climb_mps: float) -> FlyGoal:
+    def _setpoint(self, now: float, north: float, east: float, climb_mps: float) -> FlyGoal:
         self.setpoints.add(now)
-        return FlyGoal((velocity.real, velocity.imag, -climb_mps))
+        return FlyGoal((north, east, -climb_mps))

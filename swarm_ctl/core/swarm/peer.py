@@ -264,8 +264,10 @@ class Peer:
     def _look_for_creep(self, old: AgentState, state: AgentState, received_s: float) -> None:
         """It is followed all the same: where its vehicle is instead, no other word tells."""
         finding = self._creep.look(old, state) if self._flew else None
+        if finding is None:
+            return
         other = self.found is not None and self.found.doubt is not Doubt.CREEP
-        if finding is not None and not (other and self.suspect(received_s)):
+        if not (other and self.suspect(received_s)):
             self.doubt(finding, received_s)
 
     def _judge(

@@ -197,31 +197,34 @@ class Creep:
     def __init__(self) -> None:
         self._off = self._new = 0j
         self._for_s = 0.0
+        self._crept = False
 
     def look(self, before: AgentState, state: AgentState) -> Suspicion | None:
         """Whether they have moved too far, with the state that follows `before`."""
         elapsed_s = state.time_s - before.time_s
         if not 0.0 < elapsed_s <= _CREPT_GAP_S:
             return self._found()
-        old, new = before.position_ned_m, state.position_ned_m
-        was, now = before.velocity_ned_mps, state.velocity_ned_mps
+        old_n, old_e, _ = before.position_ned_m
+        north, east, _ = state.position_ned_m
+        was_n, was_e, _ = before.velocity_ned_mps
+        now_n, now_e, _ = state.velocity_ned_mps
         half_s = 0.5 * elapsed_s
         self._new += complex(
-            new[0] - old[0] - half_s * (was[0] + now[0]),
-            new[1] - old[1] - half_s * (was[1] + now[1]),
+            north - old_n - half_s * (was_n + now_n), east - old_e - half_s * (was_e + now_e)
         )
         self._for_s += elapsed_s
-        if self._for_s >= _CREPT_OVER_S:
-            counted = self._new * min(1.0, _CREPT_AT_MOST_M / max(abs(self._new), 1e-9))
-            self._off = self._off * math.exp(-self._for_s / _CREPT_S) + counted
-            self._new, self._for_s = 0j, 0.0
+        if self._for_s < _CREPT_OVER_S:
+            return self._found() if self._crept else None
+        counted = self._new * min(1.0, _CREPT_AT_MOST_M / max(abs(self._new), 1e-9))
+        self._off = self._off * math.exp(-self._for_s / _CREPT_S) + counted
+        self._crept = abs(self._off) > CREEP_M
+        self._new, self._for_s = 0j, 0.0
         return self._found()
 
     def _found(self) -> Suspicion | None:
-        off_m = abs(self._off)
-        if off_m <= CREEP_M:
+        if not self._crept:
             return None
-        words = f"its places drift: {off_m:.1f} m from where its velocities lead"
+        words = f"its places drift: {abs(self._off):.1f} m from where its velocities lead"
         return Suspicion(Doubt.CREEP, f"{words}; allowed: {CREEP_M:g} m")
 
 
