@@ -7,6 +7,9 @@ agent (endpoints, keys) is the fleet's.
 Lengths in `LawParameters`, `starts` and `slots` are the paper's units; multiply by `unit_m` for
 metres. Horizontal vectors are (north, east) in the common frame: the local tangent plane at
 `origin`.
+
+Fields that a mission file gives have their bounds here, and the words that describe them in the
+file's schema (`mission/sections/written.py`).
 """
 
 from __future__ import annotations
@@ -18,10 +21,13 @@ import json
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Annotated, Any
+
+from annotated_types import Ge, Le
 
 from swarm_ctl.core.model.geometry import Point as Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.policies import DERIVED
 from swarm_ctl.core.model.policies import Policies as Policies
 from swarm_ctl.core.model.policies import Policy as Policy
 from swarm_ctl.core.model.steps.table import AnyStep
@@ -34,9 +40,11 @@ _CALM_RATE = 2.0
 class Geodetic:
     """A point on the WGS-84 ellipsoid: degrees, degrees, metres above mean sea level."""
 
-    lat_deg: float
-    lon_deg: float
-    alt_m: float
+    lat_deg: Annotated[float, Ge(-89), Le(89)]
+    """Nearer to a pole, no autopilot knows where east is."""
+    lon_deg: Annotated[float, Ge(-180), Le(180)]
+    alt_m: Annotated[float, Ge(-500), Le(9000)]
+    """Metres above mean sea level."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,12 +66,15 @@ class Response:
     """How a vehicle answers a velocity setpoint: dead time, then a first-order lag, with bounded
     acceleration."""
 
-    dead_time_s: float = 0.4
-    lag_s: float = 0.5
-    acceleration_mps2: float = 2.8
-    doubt_s: float = 0.5
-    """Dead time and lag together may differ by this from the vehicle's own; `swarm-ctl measure`
-    finds less."""
+    dead_time_s: Annotated[float, Ge(0), Le(2)] = 0.4
+    """Until the vehicle begins to react."""
+    lag_s: Annotated[float, Ge(0.01), Le(5)] = 0.5
+    """Time constant of the velocity."""
+    acceleration_mps2: Annotated[float, Ge(0.1), Le(20)] = 2.8
+    """The most that the vehicle accelerates or brakes."""
+    doubt_s: Annotated[float, Ge(0.05), Le(1)] = 0.5
+    """Dead time and lag together may differ from the vehicle's own by this. An agent keeps the
+    distance and the speed that it asks for until its flight has told better."""
 
     @property
     def most_rate(self) -> float:
@@ -77,11 +88,16 @@ class Response:
 class Limits:
     """What an agent asks of its vehicle never exceeds these, but in a take-off."""
 
-    speed_mps: float = 5.0
-    """By the vehicle's position: the setpoint on the wire is less by the drift of the vehicle's
-    velocity, so it may be more by `DRIFT_MAX_MPS` (`core/control/navigation.py`)."""
-    climb_mps: float = 1.0
-    descent_mps: float = 1.0
+    # What the setpoint may be more is `DRIFT_MAX_MPS` (`core/control/navigation.py`).
+    speed_mps: Annotated[float, Ge(0.1), Le(20)] = 5.0
+    """Horizontal, by the vehicle's position. Where the velocity that the vehicle estimates is off
+    by a drift, the setpoint on the wire is less by that drift: it may be up to 1 m/s more than
+    this, and the vehicle's position does not move faster. Default: 5, less where
+    law.r_out - law.r_in leaves less room to brake."""
+    climb_mps: Annotated[float, Ge(0.1), Le(5)] = 1.0
+    """After the take-off. A take-off climbs as the autopilot does: an ArduCopter flies its own, a
+    PX4 is told 1.5 m/s at most (MPC_TKO_SPEED as delivered)."""
+    descent_mps: Annotated[float, Ge(0.1), Le(3)] = 1.0
 
 
 class Compensation(StrEnum):
@@ -98,15 +114,15 @@ class Safety:
     """What stands between the law and the vehicles (`core/kernel/constraints.py`,
     `core/kernel/release.py`, `core/kernel/align.py`)."""
 
-    filter: bool = True
-    """No setpoint that brings two vehicles closer than their keep-out distance."""
-    guard: bool = True
-    """Neighbour links that the shape keeps are not stretched past r on the way."""
-    release: bool = True
-    """Out of dead-locks by going round each other."""
-    align: bool = True
-    """Mean-error feedback: against slow modes, each agent also moves to where all agents that it
-    hears place its slot on the average."""
+    filter: Annotated[bool, DERIVED] = True
+    """Correct each velocity that would bring two vehicles closer than their keep-out distance."""
+    guard: Annotated[bool, DERIVED] = True
+    """Keep neighbour links shorter than r on the way, if the shape keeps them so."""
+    release: Annotated[bool, DERIVED] = True
+    """Resolve dead-locks: blocked agents go round each other."""
+    align: Annotated[bool, DERIVED] = True
+    """Form faster (mean error feedback): each agent also moves to where its slot lies by the mean
+    of all agents that it hears, not only by its neighbours."""
 
 
 @dataclass(frozen=True, slots=True)

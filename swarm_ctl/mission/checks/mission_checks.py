@@ -88,7 +88,8 @@ def _own_law(mission: MissionFile) -> Findings:
 
 def _no_place(mission: MissionFile) -> Findings:
     """A vehicle that knows no position says 0, 0, so none is believed there."""
-    if mission.origin.lat_deg == 0 == mission.origin.lon_deg:
+    origin = mission.origin.planned()
+    if origin.lat_deg == 0 == origin.lon_deg:
         what = "0, 0 lies in the Atlantic, and is what a vehicle without a position says"
         yield Mistake(("origin",), what, "the latitude and longitude of the field")
 

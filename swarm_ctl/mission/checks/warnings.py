@@ -295,14 +295,14 @@ def _narrow_radios(mission: MissionFile, _plan: Plan) -> Findings:
             yield Mistake(("fleet", "agents"), what, "")
 
 
-def _unknown_wind(mission: MissionFile, _plan: Plan) -> Findings:
+def _unknown_wind(mission: MissionFile, plan: Plan) -> Findings:
     """A limit that the mission states, and that may not act."""
     stated = {"wind", "wind_limit_mps"} & mission.policies.model_fields_set
-    if stated and mission.policies.wind is not Policy.CONTINUE:
+    if stated and plan.policies.wind is not Policy.CONTINUE:
         what = (
             "acts only on vehicles that estimate the wind (ArduCopter with EK3_DRAG_BCOEF_X and _Y,"
             " PX4 with EKF2_DRAG_CTRL; as delivered neither does); max_tilt_deg"
-            f" ({mission.policies.max_tilt_deg:g}) acts on all"
+            f" ({plan.policies.max_tilt_deg:g}) acts on all"
         )
         yield Mistake(("policies", max(stated)), what, "")
 

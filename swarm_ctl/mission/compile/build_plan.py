@@ -10,6 +10,7 @@ from swarm_ctl.core.model.plan import Compensation, Plan, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.table import AnyStep
 from swarm_ctl.mission.mission_file import MissionFile
+from swarm_ctl.mission.sections.mission_sections import SafetySection
 from swarm_ctl.mission.steps.table import KINDS
 from swarm_ctl.own_laws import pinned
 
@@ -31,19 +32,21 @@ def plan_of(mission: MissionFile) -> Plan:
         if links == "starts"
         else graph.of_links(starts, links)
     )
-    kappa, safety = mission.law.kappa or 1 / mission.tick_s, _safety(mission)
+    kappa, limits = mission.law.kappa or 1 / mission.tick_s, mission.vehicle.limits.planned()
+    flies_stop_points = mission.law.compensation is Compensation.STOP_POINT
+    safety = mission.safety.planned(**dict.fromkeys(SafetySection.model_fields, flies_stop_points))
     steps = _steps(mission, PlannedFormation.at_start(list(starts.values()), mission.unit_m))
     return Plan(
         name=mission.name,
-        origin=plan.Geodetic(**mission.origin.model_dump()),
+        origin=mission.origin.planned(),
         unit_m=mission.unit_m,
         tick_s=mission.tick_s,
         kappa=kappa,
         law=_law(mission, kappa, safety),
         compensation=mission.law.compensation,
-        response=plan.Response(**mission.vehicle.response.model_dump()),
-        limits=plan.Limits(**mission.vehicle.limits.model_dump()),
-        policies=_policies(mission),
+        response=mission.vehicle.response.planned(),
+        limits=limits,
+        policies=mission.policies.at_speed(limits.speed_mps),
         prepare_timeout_s=mission.prepare_timeout_s,
         agents=tuple(plan.AgentPlan(i, start, near[i]) for i, start in starts.items()),
         steps=steps,
@@ -65,22 +68,6 @@ def _law(mission: MissionFile, kappa: float, safety: plan.Safety) -> plan.LawPar
         delta_a=law.delta_a,
         own=pinned(law.own) if law.own else "",
     )
-
-
-def _safety(mission: MissionFile) -> plan.Safety:
-    default = mission.law.compensation is Compensation.STOP_POINT
-    given = mission.safety.model_dump()
-    return plan.Safety(
-        **{name: default if choice is None else choice for name, choice in given.items()}
-    )
-
-
-def _policies(mission: MissionFile) -> plan.Policies:
-    speed_mps = mission.vehicle.limits.speed_mps
-    given = mission.policies.model_dump()
-    given["max_speed_mps"] = given["max_speed_mps"] or 2 * speed_mps
-    given["return_speed_mps"] = given["return_speed_mps"] or speed_mps / 2
-    return plan.Policies(**given)
 
 
 def _fence(mission: MissionFile, starts: list[Point], steps: tuple[AnyStep, ...]) -> plan.Fence:

@@ -19,7 +19,6 @@ from swarm_ctl.core.model.fleet import (
     RadioShare,
     agent_sysids,
 )
-from swarm_ctl.core.model.plan import Response
 from swarm_ctl.core.swarm.hearing import SMALL_SWARM
 from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.sections.fleet_section import FleetEntry, FleetSection
@@ -122,9 +121,8 @@ def fleet_agent(entry: FleetEntry, given: VehicleResponse | None = None) -> Flee
     Its response is the entry's, else the mission's (`given`), else the autopilot's typical one.
     """
     response = entry.response or given
-    known = Response(**response.model_dump()) if response else TYPICAL[entry.firmware]
+    known = response.planned() if response else TYPICAL[entry.firmware]
     true = entry.simulated_response
-    truly = Response(**true.model_dump()) if true else None
     return FleetAgent(
         id=entry.id,
         sysid=entry.vehicle_sysid,
@@ -133,7 +131,7 @@ def fleet_agent(entry: FleetEntry, given: VehicleResponse | None = None) -> Flee
         mesh=entry.mesh,
         response=known,
         vehicle=entry.kind,
-        simulated_response=truly,
+        simulated_response=true.planned() if true else None,
         agent_sysid=entry.agent_sysid or AGENT_SYSID,
         router=entry.router,
         host=entry.host,

@@ -18,7 +18,6 @@ Coordinate = Annotated[float, Field(ge=-10_000, le=10_000)]
 NorthEast = tuple[Coordinate, Coordinate]
 Angle = Annotated[float, Field(ge=-360, le=360)]
 Timeout = Annotated[float, Field(gt=0, le=3600)]
-LossTime = Annotated[float, Field(ge=1, le=60)]
 Name = Annotated[
     str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$", examples=["hexagon", "search-line_2"])
 ]

@@ -43,7 +43,7 @@ class Land(StepKind[LandSection, LandStep]):
 
 def generous_s(mission: Mission, before: PlannedFormation) -> float:
     """More than any landing takes."""
-    slowest_mps = min(mission.vehicle.limits.descent_mps, _TOUCHDOWN_MPS)
+    slowest_mps = min(mission.vehicle.limits.planned().descent_mps, _TOUCHDOWN_MPS)
     return _DISARM_S + 1.5 * before.height_m / slowest_mps
 
 

@@ -38,7 +38,8 @@ class Return(StepKind[ReturnSection, ReturnStep]):
         agents = sorted(mission.agents, key=lambda agent: agent.id)
         starts = [(n * mission.unit_m, e * mission.unit_m) for n, e in (a.start for a in agents)]
         ways_m = sum(map(math.dist, before.places_m(), starts))
-        speed_mps = mission.policies.return_speed_mps or mission.vehicle.limits.speed_mps / 2
+        limits = mission.vehicle.limits.planned()
+        speed_mps = mission.policies.at_speed(limits.speed_mps).return_speed_mps
         timeout_s = generous_s(mission, before) * (len(agents) + 1) + 2 * (ways_m / speed_mps)
         return ReturnStep(written.timeout_s or timeout_s, written.on_timeout)
 

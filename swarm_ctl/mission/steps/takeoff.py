@@ -47,7 +47,7 @@ class Takeoff(StepKind[TakeoffSection, TakeoffStep]):
         return f"takeoff to {step.height_m:g} m"
 
     def needed_s(self, written: TakeoffSection, mission: Mission) -> float:
-        return written.height_m / mission.vehicle.limits.climb_mps
+        return written.height_m / mission.vehicle.limits.planned().climb_mps
 
     def least_s(self, step: TakeoffStep, at: Setting) -> float:
         return step.height_m / at.plan.limits.climb_mps

@@ -47,7 +47,7 @@ W = TypeVar("W", bound=Path)
 
 def too_fast(written: TravelSection, place: Place, mission: Mission) -> Findings:
     """No faster than vehicles may fly."""
-    limit, speed_mps = mission.vehicle.limits.speed_mps, written.speed_mps or 0.0
+    limit, speed_mps = mission.vehicle.limits.planned().speed_mps, written.speed_mps or 0.0
     if speed_mps > limit:
         what = f"{speed_mps:g} m/s is faster than the vehicles may fly"
         yield Mistake((*place, "speed_mps"), what, f"at most vehicle.limits.speed_mps = {limit:g}")
@@ -64,7 +64,7 @@ class Travel(StepKind[T, W]):
         """The step of the plan."""
 
     def planned(self, written: T, mission: Mission, before: PlannedFormation) -> W:
-        speed_mps = written.speed_mps or mission.vehicle.limits.speed_mps / 2
+        speed_mps = written.speed_mps or mission.vehicle.limits.planned().speed_mps / 2
         pace = Pace(speed_mps, written.tolerance_m, written.settle_s, 0.0, written.on_timeout)
         way_m = sum(self.led(written, before, pace).legs_m(before))
         timeout_s = written.timeout_s or 30 + written.settle_s + 2 * way_m / speed_mps

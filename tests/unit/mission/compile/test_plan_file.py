@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import pytest
+from annotated_types import Ge, Le
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent
 from swarm_ctl.core.model.plan import Plan
@@ -25,7 +28,8 @@ from swarm_ctl.mission.compile.plan_file import (
     plan_to_json,
     read_plan,
 )
-from tests.unit.report.run_folders import PLAN
+from swarm_ctl.report.folder.manifest import Manifest
+from tests.unit.report.run_folders import PLAN, manifest
 
 MISSIONS = sorted((Path(__file__).parents[4] / "missions").glob("*.yaml"))
 FLEET = Fleet(tuple(FleetAgent(agent.id, agent.id, "px4") for agent in PLAN.agents))
@@ -127,6 +131,31 @@ def test_what_is_wrong_is_told_with_what_would_be_allowed(
         plan_from_json(json.dumps(data))
     assert told in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def _bounded() -> Iterator[tuple[str, str, float]]:
+    """Section and field of the plan, and a number that its bounds do not allow."""
+    for section in ("origin", "response", "limits", "policies"):
+        kind = type(getattr(PLAN, section))
+        for field, hint in get_type_hints(kind, include_extras=True).items():
+            for bound in getattr(hint, "__metadata__", ()):
+                if isinstance(bound, Ge):
+                    yield section, field, float(bound.ge) - 0.5
+                elif isinstance(bound, Le):
+                    yield section, field, float(bound.le) + 0.5
+
+
+@pytest.mark.parametrize(("section", "field", "value"), list(_bounded()))
+def test_a_value_out_of_bounds_does_not_fly(section: str, field: str, value: float) -> None:
+    """Also in a plan that was edited, and its hash made anew; in a run's manifest, too."""
+    wrong = replace(PLAN, **{section: replace(getattr(PLAN, section), **{field: value})})
+    what = rf"plan\.{section}\.{field}: {value} is out of range; allowed: a number from "
+    with pytest.raises(InputError, match=what):
+        plan_from_json(plan_to_json(wrong, FLEET))
+    with pytest.raises(ValidationError, match=rf"plan\.{section}\.{field}\n"):
+        Manifest.model_validate_json(
+            manifest(wrong, plan_hash=wrong.fingerprint()).model_dump_json()
+        )
 
 
 def test_a_plan_that_was_edited_does_not_fly() -> None:

@@ -1,0 +1,72 @@
+"""A section whose fields are declared by the plan: names, bounds, defaults and descriptions."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+import itertools
+import sys
+from enum import Enum
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar, get_type_hints
+
+from pydantic import ConfigDict, Field, create_model
+
+from swarm_ctl.core.model.policies import DERIVED
+from swarm_ctl.mission.sections.section import Section
+
+T = TypeVar("T")
+
+
+class Written(Section, Generic[T]):
+    """`Written[Limits]` has the fields of the plan's `Limits`, as a file gives them: those that the
+    plan derives are None where the file does not."""
+
+    model_config = ConfigDict(use_attribute_docstrings=False)  # `_docstrings` finds them
+    plan_type: ClassVar[type[Any]]
+
+    def planned(self, **derived: Any) -> T:
+        """As the plan has it; `derived` has what the plan derives."""
+        given = {name: value for name, value in self if value is not None}
+        planned: T = self.plan_type(**(derived | given))
+        return planned
+
+    if not TYPE_CHECKING:
+
+        def __class_getitem__(cls, plan_type: type[Any]) -> type[Section]:
+            """The section, made from the plan's type."""
+            made = create_model(plan_type.__name__, __base__=cls, **_fields(plan_type))
+            made.plan_type = plan_type
+            return made
+
+
+def _fields(plan_type: type[Any]) -> dict[str, Any]:
+    """For `create_model`."""
+    hints, docstrings = get_type_hints(plan_type, include_extras=True), _docstrings(plan_type)
+    fields: dict[str, Any] = {}
+    for field in dataclasses.fields(plan_type):
+        of: Any = hints[field.name]
+        default = ... if field.default is dataclasses.MISSING else field.default
+        if DERIVED in getattr(of, "__metadata__", ()):
+            of, default = of | None, None
+        elif isinstance(of, type) and issubclass(of, Enum):
+            of = Annotated[of, Field(strict=False)]  # a file has its value
+        fields[field.name] = of, Field(default=default, description=docstrings.get(field.name))
+    return fields
+
+
+def _docstrings(plan_type: type[Any]) -> dict[str, str]:
+    """By field."""
+    found = dict[str, str]()
+    for pair in itertools.pairwise(_classes(plan_type.__module__)[plan_type.__name__].body):
+        match pair:
+            case ast.AnnAssign(target=ast.Name(name)), ast.Expr(ast.Constant(str(text))):
+                found[name] = inspect.cleandoc(text)
+    return found
+
+
+@cache
+def _classes(module: str) -> dict[str, ast.ClassDef]:
+    parsed = ast.parse(inspect.getsource(sys.modules[module]))
+    return {node.name: node for node in parsed.body if isinstance(node, ast.ClassDef)}
