@@ -342,7 +342,8 @@ class Agent:
             own.watch_height(tick)
             trigger = failsafes.find(self._situation(tick))
             landing = own.landing_s is not None
-            if failsafes.replaces(trigger, interruption.trigger, landing=landing):
+            stops = failsafes.replaces(trigger, interruption.trigger, landing=landing)
+            if stops or interruption.holds:
                 interruption.heed(tick, trigger)
         if self._pausing(tick):
             group.progress.paused_s += self._plan.tick_s

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from swarm_ctl.core.agent.progress import Progress
@@ -35,14 +35,17 @@ from swarm_ctl.core.swarm.snapshot import OtherAircraft
 
 @dataclass(frozen=True, slots=True)
 class FailsafeTrigger:
-    """Why the mission cannot go on as it is, what the agent does, and how its run then ends."""
+    """Why the mission cannot go on as it is, what the agent does, and how its run then ends. Two
+    are equal by all but the sentence, whose figures change from tick to tick."""
 
     action: FailsafeAction
     outcome: Outcome
-    reason: str
+    reason: str = field(compare=False)
     step_outcome: StepOutcome = StepOutcome.ABORTED
     """How the step ends that the trigger breaks off."""
     cause: Cause = Cause.VEHICLE
+    about: tuple[int, ...] = ()
+    """The peers that are the cause."""
 
 
 @row
@@ -126,13 +129,23 @@ def replaces(new: FailsafeTrigger | None, old: FailsafeTrigger | None, *, landin
     return (old.action is FailsafeAction.RETURN or braking) and not landing
 
 
-def failed(action: FailsafeAction, reason: str, cause: Cause = Cause.VEHICLE) -> FailsafeTrigger:
+def failed(
+    action: FailsafeAction,
+    reason: str,
+    cause: Cause = Cause.VEHICLE,
+    *,
+    about: tuple[int, ...] = (),
+) -> FailsafeTrigger:
     """A trigger after which the run counts as failed."""
-    return FailsafeTrigger(action, Outcome.FAILED, reason, cause=cause)
+    return FailsafeTrigger(action, Outcome.FAILED, reason, cause=cause, about=about)
 
 
-def _by_policy(policy: Policy, reason: str) -> FailsafeTrigger | None:
-    return None if policy is Policy.CONTINUE else failed(FailsafeAction(policy.value), reason)
+def _by_policy(
+    policy: Policy, reason: str, *, about: tuple[int, ...] = ()
+) -> FailsafeTrigger | None:
+    if policy is Policy.CONTINUE:
+        return None
+    return failed(FailsafeAction(policy.value), reason, about=about)
 
 
 def _by_order(s: Situation) -> FailsafeTrigger | None:
@@ -244,9 +257,9 @@ def _peers_gone(s: Situation) -> FailsafeTrigger | None:
             continue
         if not s.was_armed:  # nothing flies yet that could hold
             own = f"; {_not_done(s)}" if s.waits and not s.progress.done else ""
-            return failed(FailsafeAction.LAND, f"{reason}{own}")
+            return failed(FailsafeAction.LAND, f"{reason}{own}", about=(peer.id,))
         if policy is not Policy.CONTINUE:
-            return _by_policy(policy, reason)
+            return _by_policy(policy, reason, about=(peer.id,))
     return None
 
 
@@ -256,12 +269,14 @@ def _peers_departed(s: Situation) -> FailsafeTrigger | None:
     if not s.departed:
         return None
     policy = s.plan.policies.left_by_order
-    new = [why for agent, why in s.departed.items() if agent not in s.accepted]
+    new = {agent: why for agent, why in s.departed.items() if agent not in s.accepted}
     on_its_own = s.ordered is not None or s.progress.goes_down
     if policy is Policy.CONTINUE or on_its_own or not new:
         return None
-    reason = f"{new[0]} (policies.left_by_order: {policy})"
-    return FailsafeTrigger(FailsafeAction(policy.value), Outcome.ABORTED, reason)
+    agent, why = next(iter(new.items()))
+    reason = f"{why} (policies.left_by_order: {policy})"
+    action = FailsafeAction(policy.value)
+    return FailsafeTrigger(action, Outcome.ABORTED, reason, about=(agent,))
 
 
 def _station_gone(s: Situation) -> FailsafeTrigger | None:

@@ -14,7 +14,7 @@ from swarm_ctl.core.agent.failsafes import FailsafeTrigger
 from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.navigation import OwnFix
-from swarm_ctl.core.model.causes import Cause, FailsafeAction
+from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.messages import Event, Outcome, Severity
 from swarm_ctl.core.model.vehicle import FALLS_MPS, VehicleView
 
@@ -183,17 +183,17 @@ class Interruption:
         return self.trigger.outcome if self.trigger else Outcome.COMPLETED
 
     def heed(self, tick: Tick, trigger: FailsafeTrigger | None) -> None:
-        """A failsafe fires, or (None) its cause is gone and the mission goes on."""
+        """A failsafe fires, or (None) its cause is gone and the mission goes on. A hold that goes
+        on does not begin again: its sentence has new figures."""
+        if self.holds and trigger == self.trigger:
+            self.trigger = trigger
+            return
         if trigger is None:
             self._log.say(tick.now, Severity.INFO, "going on")
             self._vehicle.climb_again()
         else:
-            old = self.trigger
-            same = old is not None and (old.action, old.cause) == (trigger.action, trigger.cause)
-            # A hold fires anew with each other figure in its reason; another peer is another case.
-            if not same or trigger.cause is Cause.PEER:
-                severity = Severity.ERROR if trigger.outcome is Outcome.FAILED else Severity.WARNING
-                self._log.say(tick.now, severity, f"{trigger.action}: {trigger.reason}")
+            severity = Severity.ERROR if trigger.outcome is Outcome.FAILED else Severity.WARNING
+            self._log.say(tick.now, severity, f"{trigger.action}: {trigger.reason}")
             if trigger.action is not FailsafeAction.HOLD:
                 self._progress.break_off(trigger.step_outcome, tick.now)
         self.trigger, self.since_s = trigger, tick.now

@@ -486,7 +486,7 @@ def test_the_weightiest_decides(changes: dict[str, Any], reason: str) -> None:
 
 ACTIONS = list(FailsafeAction)
 REPLACED = {  # by what each action is replaced: while not landing, and while landing
-    FailsafeAction.HOLD: (set(ACTIONS), set(ACTIONS)),
+    FailsafeAction.HOLD: (set(ACTIONS) - {HOLDS}, set(ACTIONS) - {HOLDS}),
     FailsafeAction.RETURN: ({LANDS, FailsafeAction.LEAVE, YIELDS, FALLS, KILLS}, {FALLS, KILLS}),
     FailsafeAction.LAND: ({YIELDS, FALLS, KILLS}, {FALLS, KILLS}),
     FailsafeAction.LEAVE: ({FALLS, KILLS}, {FALLS, KILLS}),
@@ -499,7 +499,8 @@ REPLACED = {  # by what each action is replaced: while not landing, and while la
 @pytest.mark.parametrize("landing", [False, True])
 @pytest.mark.parametrize("old", ACTIONS)
 def test_what_replaces_what(old: FailsafeAction, landing: bool) -> None:
-    """A hold ends with its cause and gives way to anything; a landing is final, but for a kill."""
+    """A hold ends with its cause and gives way to anything else; a landing is final, but for a
+    kill. A sentence with other figures is no other failsafe."""
     before = trigger(old)
     allowed = {new for new in ACTIONS if replaces(trigger(new, "new"), before, landing=landing)}
     assert allowed == REPLACED[old][landing]

@@ -175,7 +175,8 @@ def test_a_landing_of_three_minutes_is_given_up() -> None:
     flight.at(0.0)
     assert isinstance(flight.at(180.0), LandGoal)
     assert isinstance(flight.at(180.1), ReleaseGoal)
-    assert flight.own.interruption.trigger == failed(LANDS, "not down after 180 s of landing")
+    assert flight.own.interruption.trigger == failed(LANDS, "")
+    assert flight.own.interruption.reason == "not down after 180 s of landing"
 
 
 def test_it_ends_when_the_vehicle_is_down() -> None:
@@ -295,9 +296,9 @@ def test_a_way_back_without_a_peer_is_given_up() -> None:
     flight.at(0.0, *silent)
     assert isinstance(flight.at(5.0, *silent), FlyGoal)
     flight.at(5.1, *silent)
-    assert flight.own.interruption.trigger == failed(
-        LANDS, "a reason; no other agent is heard, so it lands here"
-    )
+    assert flight.own.interruption.trigger == failed(LANDS, "")
+    reason = "a reason; no other agent is heard, so it lands here"
+    assert flight.own.interruption.reason == reason
 
 
 def test_a_way_back_has_two_minutes_for_each_agent() -> None:
@@ -367,13 +368,13 @@ def test_a_hold_is_said_once_whatever_its_figure() -> None:
     """The reason in force is the newest; another cause is said, and another peer."""
     own = Own()
     fired = [
-        (Cause.WIND, "wind of 9"),
-        (Cause.WIND, "wind of 10"),
-        (Cause.PEER, "agent 3 is silent"),
-        (Cause.PEER, "agent 4 is silent"),
+        (Cause.WIND, "wind of 9", ()),
+        (Cause.WIND, "wind of 10", ()),
+        (Cause.PEER, "agent 3 is silent", (3,)),
+        (Cause.PEER, "agent 4 is silent", (4,)),
     ]
-    for k, (cause, reason) in enumerate(fired):
-        own.interruption.heed(tick(now=NOW + k), failed(HOLDS, reason, cause))
+    for k, (cause, reason, about) in enumerate(fired):
+        own.interruption.heed(tick(now=NOW + k), failed(HOLDS, reason, cause, about=about))
         assert own.interruption.trigger
         assert own.interruption.trigger.reason == reason
     assert texts(own.log.events) == [
@@ -381,3 +382,14 @@ def test_a_hold_is_said_once_whatever_its_figure() -> None:
         "hold: agent 3 is silent",
         "hold: agent 4 is silent",
     ]
+
+
+def test_a_hold_keeps_its_height_whatever_its_figure() -> None:
+    """A hold that goes on is none that begins: it stops no climb anew, where the height is noise,
+    and began when it began."""
+    own = Own()
+    own.interruption.heed(tick(now=NOW), failed(HOLDS, "wind of 9", Cause.WIND))
+    began_s, height_m = own.interruption.since_s, own.vehicle.target_height_m
+    lower = fix(height_m=1.0)
+    own.interruption.heed(tick(now=NOW + 1, fix=lower), failed(HOLDS, "wind of 10", Cause.WIND))
+    assert (own.interruption.since_s, own.vehicle.target_height_m) == (began_s, height_m)
