@@ -80,7 +80,7 @@ class ProcessFlight(SwarmFlight):
         super().__init__(mission.plan, scenario)
         self._struck: dict[str, signal.Signals] = {}
         """Processes that a signal is to come to, after the next tick."""
-        self._place: BarrierSeat | None = None
+        self._seat: BarrierSeat | None = None
         self._client: RunClient | None = None
         where.mkdir(parents=True, exist_ok=True)
         file = where / ("mission.yaml" if scenario is None else "scenario.yaml")
@@ -113,8 +113,8 @@ class ProcessFlight(SwarmFlight):
             self.folder = self._wait_started(where, runs or where)
             self._pids: dict[str, int] = json.loads((self.folder / "processes.json").read_text())
             if (address := read_manifest(self.folder).lockstep) is not None:
-                self._place = BarrierSeat(address, TickPhase.AFTER, 1.0)
-            self._client = RunClient(self.folder, self._place)
+                self._seat = BarrierSeat(address, TickPhase.AFTER, 1.0)
+            self._client = RunClient(self.folder, self._seat)
         except BaseException:
             self.close()
             raise
@@ -164,7 +164,7 @@ class ProcessFlight(SwarmFlight):
     @property
     def over(self) -> bool:
         """The run has ended, or in lockstep its last agent."""
-        no_agent = self._place is not None and self._place.agents == 0
+        no_agent = self._seat is not None and self._seat.agents == 0
         return no_agent or self._process.poll() is not None
 
     def give(self, order: Order) -> SentCommand:
@@ -188,8 +188,8 @@ class ProcessFlight(SwarmFlight):
         name = f"agent-{self.known(agent)}"
         self._struck.pop(name, None)
         os.kill(self._pids[name], signal.SIGCONT)
-        if self._place is not None:
-            self._place.take(name)
+        if self._seat is not None:
+            self._seat.take(name)
 
     def kill_station(self) -> None:
         self._strike(STATION, signal.SIGKILL)
@@ -197,10 +197,10 @@ class ProcessFlight(SwarmFlight):
     def _strike(self, name: str, by: signal.Signals) -> None:
         """The next tick is without this process. In lockstep the signal comes after that tick: till
         then its last messages may be on their way out of it, and no tick decides which are."""
-        if self._place is None:
+        if self._seat is None:
             self._signal(name, by)
         else:
-            self._place.drop(name)
+            self._seat.drop(name)
             self._struck[name] = by
 
     def _signal_struck(self) -> None:
@@ -275,7 +275,7 @@ class ProcessFlight(SwarmFlight):
 
     def _fly_on(self, within_s: float) -> None:
         """Until `run` has ended; in lockstep the test leaves the barrier with the last agent."""
-        if self._place is not None:
+        if self._seat is not None:
             self.wait_s(within_s)
             self._leave()
             self._process.wait(_LOCKSTEP_END_WALL_S)

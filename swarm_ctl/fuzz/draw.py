@@ -55,8 +55,8 @@ class Dice:
 
     def some(self, these: Sequence[T], count: int) -> list[T]:
         """So many of them, in their order."""
-        places = self._random.permutation(len(these))[:count]
-        return [these[int(k)] for k in sorted(places)]
+        chosen = self._random.permutation(len(these))[:count]
+        return [these[int(k)] for k in sorted(chosen)]
 
     def shuffled(self, these: Sequence[T]) -> list[T]:
         """All of them in another order."""

@@ -156,13 +156,13 @@ class TcpInWire(Wire):
         self._now = now
         self._accept()
         for step in range(1, self.sources + 1):
-            place = (self.source + step) % self.sources
-            stream = self._streams[place]
+            index = (self.source + step) % self.sources
+            stream = self._streams[index]
             if stream is None or stream.ended:
                 continue
             with contextlib.suppress(OSError):  # that client has gone
                 if data := stream.read():
-                    self.source = place
+                    self.source = index
                     return data
         self._vehicles.forget([each for each in self._streams if each and each.ended])
         return None
@@ -173,21 +173,21 @@ class TcpInWire(Wire):
             connection, _ = self._server.accept()
         except OSError:
             return
-        place = self._free_place()
-        if place is None:
+        index = self._free_index()
+        if index is None:
             connection.close()
             return
-        old = self._streams[place]
+        old = self._streams[index]
         if old is not None:
             old.close()
             self._vehicles.forget([old])
-        self._streams[place] = Stream(_tuned(connection))
-        self._order = [*(each for each in self._order if each != place), place]
+        self._streams[index] = Stream(_tuned(connection))
+        self._order = [*(each for each in self._order if each != index), index]
 
-    def _free_place(self) -> int | None:
-        for place, stream in enumerate(self._streams):
+    def _free_index(self) -> int | None:
+        for index, stream in enumerate(self._streams):
             if stream is None or stream.ended:
-                return place
+                return index
         silent = (p for p in self._order if self._silent_s(self._streams[p]) > SILENT_S)
         return max(silent, key=lambda p: self._silent_s(self._streams[p]), default=None)
 
@@ -209,7 +209,7 @@ class TcpInWire(Wire):
 
     def _newest_client(self) -> Stream | None:
         """That is no vehicle that was heard."""
-        streams = (self._streams[place] for place in reversed(self._order))
+        streams = (self._streams[index] for index in reversed(self._order))
         free = (s for s in streams if s is not None and not s.ended)
         return next((s for s in free if self._silent_s(s) == float("inf")), None)
 

@@ -53,29 +53,29 @@ class Partners:
     """Where each vehicle behind a wire was heard, by system id: an address, or a connection."""
 
     def __init__(self) -> None:
-        self._places: dict[int, tuple[Any, float]] = {}
+        self._addresses: dict[int, tuple[Any, float]] = {}
 
     def of(self, system: int) -> Any:
         """The place to send to; None before the vehicle was heard."""
-        return self._places.get(system, (None, 0.0))[0]
+        return self._addresses.get(system, (None, 0.0))[0]
 
-    def silent_s(self, place: Any, now: float) -> float:
+    def silent_s(self, address: Any, now: float) -> float:
         """For how long no vehicle was heard at this place; infinite where none was."""
-        heard = (last_s for each, last_s in self._places.values() if each == place)
+        heard = (last_s for each, last_s in self._addresses.values() if each == address)
         return now - max(heard, default=-math.inf)
 
-    def hear(self, system: int, place: Any, now: float, *, proven: bool) -> Any:
-        """A frame of the vehicle came from `place`; the place that it has left, or None."""
-        known, last_s = self._places.get(system, (None, -math.inf))
-        if known is not None and known != place and not proven and now - last_s < SILENT_S:
+    def hear(self, system: int, address: Any, now: float, *, proven: bool) -> Any:
+        """A frame of the vehicle came from `address`; the place that it has left, or None."""
+        known, last_s = self._addresses.get(system, (None, -math.inf))
+        if known is not None and known != address and not proven and now - last_s < SILENT_S:
             return None
-        self._places[system] = place, now
+        self._addresses[system] = address, now
         return known if known is not None and self.silent_s(known, now) == math.inf else None
 
     def forget(self, gone: Collection[Any]) -> None:
         """These places exist no more."""
-        for system in [s for s, (place, _) in self._places.items() if place in gone]:
-            del self._places[system]
+        for system in [s for s, (address, _) in self._addresses.items() if address in gone]:
+            del self._addresses[system]
 
 
 class MemoryWire(Wire):

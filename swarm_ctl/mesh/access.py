@@ -67,8 +67,8 @@ def station_name(owner: str, suffix: str) -> str:
 
 def as_tls(endpoint: str) -> str:
     """The endpoint with TLS: `tls/10.0.0.5:7447` for `tcp/10.0.0.5:7447`, `quic/` for `udp/`."""
-    scheme, _, place = endpoint.partition("/")
-    return f"{_WITH_TLS.get(scheme, scheme)}/{place}"
+    scheme, _, address = endpoint.partition("/")
+    return f"{_WITH_TLS.get(scheme, scheme)}/{address}"
 
 
 def for_zenoh(endpoint: str, *, protected: bool) -> str:

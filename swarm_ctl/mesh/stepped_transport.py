@@ -46,7 +46,7 @@ class MarkedTransport(Transport, Protocol):
         """As `subscribe`."""
 
 
-def _place(key: str) -> tuple[int, str]:
+def _stream(key: str) -> tuple[int, str]:
     """A key's channel, as its place in `CHANNELS`, and its publisher's name; `*`: all of them."""
     owner, _, channel = key.rpartition("/")
     return INDEX[channel], owner.rpartition("/")[2]
@@ -178,9 +178,9 @@ class SteppedTransport(Transport):
     def subscribe(self, key_expression: str, *, timed: bool = False) -> SteppedInlet:  # noqa: ARG002 - always
         begins = self._tick + FOLLOW_TICKS if self._tick else 0
         source = self._inner.subscribe_marked(key_expression)
-        place = _place(key_expression)
-        inlet = SteppedInlet(source, self._owners, begins, lambda: self._inlets.pop(place, None))
-        self._inlets[place] = inlet
+        stream = _stream(key_expression)
+        inlet = SteppedInlet(source, self._owners, begins, lambda: self._inlets.pop(stream, None))
+        self._inlets[stream] = inlet
         return inlet
 
     def hello(self, swarm: str, name: int | str, channels: Iterable[Channel[Any]]) -> None:
@@ -228,7 +228,7 @@ class SteppedTransport(Transport):
         due = {p: i for p, i in self._inlets.items() if i.begins == self._tick + 1 and not i.heard}
         for inlet in due.values():
             inlet.fill()
-        silent = {place for place, inlet in due.items() if not inlet.heard}
+        silent = {stream for stream, inlet in due.items() if not inlet.heard}
         speak = ((channel, self._owners.get(m, ("", ""))[1]) for m, channel, _ in published)
         return not silent.isdisjoint(speak) if silent else False
 

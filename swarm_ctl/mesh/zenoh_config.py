@@ -232,8 +232,8 @@ def _words(error: Exception) -> str:
 def _interface(endpoint: str) -> str:
     """Where to listen: on all interfaces for a host's name. What the name stands for may change in
     flight, and on the host itself it may be a loopback address."""
-    scheme, _, place = endpoint.partition("/")
-    host, _, port = place.rpartition(":")
+    scheme, _, address = endpoint.partition("/")
+    host, _, port = address.rpartition(":")
     named = _address(host) is None and host != "localhost"
     return f"{scheme}/0.0.0.0:{port}" if named else endpoint
 

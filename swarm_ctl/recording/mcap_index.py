@@ -36,7 +36,7 @@ class IndexedRecording:
 
     def __init__(self, run: Path) -> None:
         self._file = open_recording(run)
-        self._places: list[int] = []
+        self._offsets: list[int] = []
         self._topics: dict[int, str] = {}
         self._damage = RecordingDamage()
         self.about: dict[str, str] = {}
@@ -60,7 +60,7 @@ class IndexedRecording:
         self._file.close()
 
     def __len__(self) -> int:
-        return len(self._places)
+        return len(self._offsets)
 
     def __getitem__(self, k: int) -> list[tuple[float, Payload]]:
         """(time heard [s], payload) of the k-th chunk, by time."""
@@ -89,16 +89,16 @@ class IndexedRecording:
     def _find_chunks(self) -> None:
         with contextlib.suppress(*TORN):
             skip_magic(self._file)
-            place = self._file.tell()
+            offset = self._file.tell()
             for record in mended(self._file, self._damage):
                 match record:
                     case Metadata() if record.name == "run":
                         self.about = dict(record.metadata)
                     case Chunk():
-                        self._places.append(place)
+                        self._offsets.append(offset)
                     case Channel():  # again, in front of the footer
                         self._topics[record.id] = record.topic
-                place = self._file.tell()
+                offset = self._file.tell()
 
     def _find_topics(self) -> None:
         for k in range(len(self)):
@@ -109,7 +109,7 @@ class IndexedRecording:
     def _within(self, k: int) -> Iterator[Any]:
         """The records of the k-th chunk, as far as they can be read; InputError as of a recording
         that is none of ours."""
-        self._file.seek(self._places[k])
+        self._file.seek(self._offsets[k])
         with contextlib.suppress(*TORN), named(self._file):
             chunk = next(found for found in records_of(self._file) if isinstance(found, Chunk))
             yield from within(chunk, self._damage)

@@ -118,18 +118,18 @@ def mended(file: IO[bytes], damage: RecordingDamage) -> Iterator[Any]:
     """`records_of` a file, past places where no record can be read: on with the next chunk. The end
     of a file that was cut off is no damage. InputError as there, where nothing was read before."""
     for _ in range(_MOST_MENDED):
-        place = file.tell()
+        offset = file.tell()
         try:
             for record in records_of(file, damage):
                 if isinstance(record, Statistics):
                     damage.said = record.message_count
                 yield record
-                place = file.tell()
+                offset = file.tell()
             return
         except TORN:
-            found = _next_chunk(file, place + 1)
+            found = _next_chunk(file, offset + 1)
         except InputError:
-            found = _next_chunk(file, place + 1)
+            found = _next_chunk(file, offset + 1)
             if damage.expanded > MOST_EXPANDED * file.tell() or not (found or damage.chunks):
                 raise
         if found is None:
@@ -137,7 +137,7 @@ def mended(file: IO[bytes], damage: RecordingDamage) -> Iterator[Any]:
             if found is None:
                 return
         damage.bad += 1
-        if found <= place:
+        if found <= offset:
             return
         file.seek(found)
 
@@ -154,10 +154,10 @@ def _summary(file: IO[bytes]) -> int | None:
     return int(start) if opcode == Opcode.FOOTER and start < size else 0
 
 
-def _next_chunk(file: IO[bytes], place: int) -> int | None:
+def _next_chunk(file: IO[bytes], offset: int) -> int | None:
     """Where the next chunk of ours seems to begin, from there on; None: nowhere."""
     size = file.seek(0, os.SEEK_END)
-    start = place + _PACKED_AT
+    start = offset + _PACKED_AT
     while start < size:
         file.seek(start)
         block = file.read(CHUNK_BYTES)
@@ -198,10 +198,10 @@ def unpacked(file: IO[bytes], damage: RecordingDamage) -> Iterator[Any]:
 def _named_at_the_end(file: IO[bytes]) -> list[Any]:
     """Schemas and channels, which are there again in front of the footer; the place in the file
     stays."""
-    place = file.tell()
+    offset = file.tell()
     ahead = mended(file, RecordingDamage(chunks=1))
     found = [record for record in ahead if isinstance(record, Schema | Channel)]
-    file.seek(place)
+    file.seek(offset)
     return found
 
 

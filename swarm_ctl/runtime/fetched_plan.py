@@ -59,7 +59,7 @@ class AgentPost:
 def fetched_plan(
     wanted: PlanName,
     folder: Path,
-    place: AgentPost,
+    post: AgentPost,
     identity: Identity | None,
     patience_s: float,
     own: Mapping[str, Any] | None = None,
@@ -72,17 +72,17 @@ def fetched_plan(
         StartError: no station offers it in `patience_s` of the wall clock, or the mesh does not
             open.
     """
-    sys.stderr.write(f"agent: waits {patience_s:g} s for {wanted} of a station, {place}\n")
-    part = MeshPart.CLIENT if place.router else MeshPart.PEER
-    connect = [place.router] if place.router else place.connect
+    sys.stderr.write(f"agent: waits {patience_s:g} s for {wanted} of a station, {post}\n")
+    part = MeshPart.CLIENT if post.router else MeshPart.PEER
+    connect = [post.router] if post.router else post.connect
     mesh = ZenohTransport(
-        place.listen, connect, wall.wall_s, access=access(identity, wanted.name), part=part, own=own
+        post.listen, connect, wall.wall_s, access=access(identity, wanted.name), part=part, own=own
     )
     with closing(mesh):
         offers = Offers(wanted)
         found = await_offer(offers, mesh, patience_s)
     if found is None:
-        raise StartError(_missed(offers, place, explained(identity, connect), patience_s))
+        raise StartError(_missed(offers, post, explained(identity, connect), patience_s))
     sys.stderr.write(f"agent: {found.name}, from a station\n")
     _keep(found, folder)
     return found
@@ -111,10 +111,10 @@ def await_offer(
     return None
 
 
-def _missed(offers: Offers, place: AgentPost, why: str, patience_s: float) -> str:
+def _missed(offers: Offers, post: AgentPost, why: str, patience_s: float) -> str:
     told = list(offers.refusals()) or [why or "no station answered"]
     return (
-        f"no plan {offers.wanted} in {patience_s:g} s, {place}: {'; '.join(told)}; allowed: a"
+        f"no plan {offers.wanted} in {patience_s:g} s, {post}: {'; '.join(told)}; allowed: a"
         " station that flies it and reaches this agent (swarm-ctl station --mission FILE), or a"
         " plan file"
     )

@@ -48,7 +48,7 @@ class LocalServer:
     ) -> None:
         self._serve, self._origins = serve, origins
         self._rim = Rim(what)
-        self._places = threading.BoundedSemaphore(_CLIENTS)
+        self._admitted = threading.BoundedSemaphore(_CLIENTS)
         self._over = threading.Event()
         self._clients: set[socket.socket] = set()
         try:
@@ -77,7 +77,7 @@ class LocalServer:
             except OSError:
                 self._over.wait(_POLL_WALL_S)  # no descriptor is left: perhaps later
                 continue
-            if not self._places.acquire(blocking=False):
+            if not self._admitted.acquire(blocking=False):
                 _end(client)
                 continue
             self._clients.add(client)
@@ -95,7 +95,7 @@ class LocalServer:
     def _leave(self, client: socket.socket) -> None:
         _end(client)
         self._clients.discard(client)
-        self._places.release()
+        self._admitted.release()
 
     def _answer(self, client: socket.socket) -> None:
         with contextlib.suppress(OSError):

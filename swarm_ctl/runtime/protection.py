@@ -142,8 +142,8 @@ def refuse_useless(
     """TrustError where an agent, a router, or the operator, has no certificate in the roster, one
     for another address, or one that has ended: no link would open. Nor would an agent arm whose
     certificate ends in under 24 h."""
-    places = {KeyHolder(Role.AGENT, str(agent.id)): agent.mesh for agent in agents}
-    for member, mesh in {identity.member: None, **places, **routers}.items():
+    endpoints = {KeyHolder(Role.AGENT, str(agent.id)): agent.mesh for agent in agents}
+    for member, mesh in {identity.member: None, **endpoints, **routers}.items():
         entry = identity.roster.of(member)
         if entry is None:
             raise TrustError(

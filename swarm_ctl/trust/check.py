@@ -66,7 +66,7 @@ class FleetNames:
     routers: tuple[str | None, ...] = ()
 
     @property
-    def places(self) -> dict[KeyHolder, str | None]:
+    def endpoints(self) -> dict[KeyHolder, str | None]:
         """Where each of them listens."""
         agents = {KeyHolder(Role.AGENT, str(i)): at for i, at in sorted(self.agents.items())}
         routers = enumerate(self.routers, 1)
@@ -75,8 +75,8 @@ class FleetNames:
     @property
     def hosts(self) -> dict[KeyHolder, str]:
         """The address that each certificate must be for."""
-        places = self.places.items()
-        return {member: address_of(at)[0] if at else LOOPBACK for member, at in places}
+        endpoints = self.endpoints.items()
+        return {member: address_of(at)[0] if at else LOOPBACK for member, at in endpoints}
 
 
 def check(folder: Path, now: datetime, fleet: FleetNames | None = None) -> TrustReport:
@@ -236,7 +236,7 @@ def _alike(loaded: Sequence[Identity]) -> Iterator[str]:
 
 
 def _unknown(fleet: FleetNames, roster: Roster) -> Iterator[str]:
-    for member in fleet.places:
+    for member in fleet.endpoints:
         if roster.of(member) is None:
             yield (
                 f"the fleet has {member}, the roster of epoch {roster.epoch} has not;"
@@ -246,11 +246,11 @@ def _unknown(fleet: FleetNames, roster: Roster) -> Iterator[str]:
 
 def _live(fleet: FleetNames, loaded: Sequence[Identity]) -> Iterator[tuple[bool, str]]:
     """Handshakes with the agents and routers that listen: (whether it needs attention, a text)."""
-    places = {member: endpoint for member, endpoint in fleet.places.items() if endpoint}
+    endpoints = {member: endpoint for member, endpoint in fleet.endpoints.items() if endpoint}
     known = [each for each in loaded if each.role in (Role.OPERATOR, Role.VIEWER)] or loaded
     with ThreadPoolExecutor(max_workers=32) as pool:
-        answers = pool.map(lambda endpoint: ask(known[0], endpoint), places.values())
-        for (member, endpoint), answer in zip(places.items(), answers, strict=True):
+        answers = pool.map(lambda endpoint: ask(known[0], endpoint), endpoints.values())
+        for (member, endpoint), answer in zip(endpoints.items(), answers, strict=True):
             own = member.common_name(known[0].swarm, known[0].epoch)
             if not answer.reached:
                 yield False, f"{member} does not listen at {endpoint}: no handshake was tried"

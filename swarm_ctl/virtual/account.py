@@ -116,9 +116,9 @@ class Account:
         self._trace.update(key.encode())
         self._trace.update(data)
 
-    def told(self, place: int, data: bytes) -> None:
+    def told(self, index: int, data: bytes) -> None:
         """What the agent at this place of the plan sends its vehicle."""
-        self._trace.update(b"%d " % place)
+        self._trace.update(b"%d " % index)
         self._trace.update(data)
 
     def hear(self, statuses: list[AgentStatus], events: list[Event], now: float) -> None:

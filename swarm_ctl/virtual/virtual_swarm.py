@@ -212,11 +212,11 @@ class VirtualSwarm:
             self.after_tick()
 
     def _run_world(self) -> None:
-        for place, far in enumerate(self._far):
+        for index, far in enumerate(self._far):
             while (data := far.read()) is not None:
-                self.hub.receive(place, data, _AGENT)
+                self.hub.receive(index, data, _AGENT)
                 if self.account is not None:
-                    self.account.told(place, data)
+                    self.account.told(index, data)
         while self.hub.world.next_s <= self.now + STEP_S / 2:
             self.hub.step()
             self._watch_distances()
@@ -305,8 +305,8 @@ class VirtualSwarm:
     ) -> None:
         """Start a new agent for a dead one's vehicle, with another plan or clock if given."""
         self._clocks[agent_id] = clock or self._clocks.get(agent_id, float)
-        place = [agent.id for agent in self.plan.agents].index(agent_id)
-        self._far[place] = self._add(agent_id, plan or self.plan)
+        index = [agent.id for agent in self.plan.agents].index(agent_id)
+        self._far[index] = self._add(agent_id, plan or self.plan)
         self.members[agent_id].successor = True
 
     def command(

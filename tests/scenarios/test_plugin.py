@@ -37,7 +37,7 @@ def flown_by_a_user(flight: SwarmFlight) -> None:
     assert "outside the geofence" in refused.reasons[1]
     flight.wait_s(5)
     flight.kill_agent(3)
-    if isinstance(flight, ProcessFlight) and flight._place is not None:
+    if isinstance(flight, ProcessFlight) and flight._seat is not None:
         # what it said last is heard first, or the machine would decide how much of it is
         assert _lives(flight._pids["agent-3"])
         flight.turn()

@@ -48,20 +48,20 @@ class Hub:
     ) -> None:
         self.world = World(config, now)
         self.recorder: TruthRecorder | None = None
-        self.links = [(place, 0) for place in range(len(config.vehicles))]
+        self.links = [(index, 0) for index in range(len(config.vehicles))]
         """Place and channel of each link."""
         self.links += [
-            (place, channel)
-            for place, vehicle in enumerate(config.vehicles)
+            (index, channel)
+            for index, vehicle in enumerate(config.vehicles)
             for channel in range(1, 1 + len(vehicle.also))
         ]
         self._links_of: list[list[tuple[int, int]]] = [[] for _ in config.vehicles]
-        for link, (place, channel) in enumerate(self.links):
-            self._links_of[place].append((link, channel))
+        for link, (index, channel) in enumerate(self.links):
+            self._links_of[index].append((link, channel))
         self._signing = [signing(vehicle) for vehicle in config.vehicles]
         self.codecs = [
-            Codec(config.vehicles[place].sysid, self._signing[place], channel)
-            for place, channel in self.links
+            Codec(config.vehicles[index].sysid, self._signing[index], channel)
+            for index, channel in self.links
         ]
         self._clients = [
             Clients(
@@ -82,18 +82,18 @@ class Hub:
 
     def receive(self, link: int, data: bytes, sender: Address) -> None:
         """A datagram on a link; its sender becomes a client, if there is a place for it."""
-        place, channel = self.links[link]
+        index, channel = self.links[link]
         messages = list(self.codecs[link].messages(data))
         self._forget_after_boot(link)
-        signed = self._signing[place].active
+        signed = self._signing[index].active
         proven = bool(messages) and signed
         sender = self._clients[link].hear(sender, self.world.time_s, proven=proven, signed=signed)
-        self.world.vehicles[place].firmware.hear(channel)
-        radio = self.world.vehicles[place].faults.radio
+        self.world.vehicles[index].firmware.hear(channel)
+        radio = self.world.vehicles[index].faults.radio
         if radio is None:
             self._handle(link, messages, sender)
             return
-        messages = self._survivors(place, messages, radio)
+        messages = self._survivors(index, messages, radio)
         self._later(radio, lambda: self._handle(link, messages, sender))
 
     def _forget_after_boot(self, link: int) -> None:
@@ -105,27 +105,27 @@ class Hub:
             self._clients[link].clear()
 
     def _handle(self, link: int, messages: list[Message], sender: Address) -> None:
-        place, channel = self.links[link]
+        index, channel = self.links[link]
         for message in messages:
             if message.name == "SETUP_SIGNING":
-                self._set_up_signing(place, message)
+                self._set_up_signing(index, message)
             else:
-                self.world.handle(place, message, channel)
-        self._flush(place, (link, sender))
+                self.world.handle(index, message, channel)
+        self._flush(index, (link, sender))
 
-    def _set_up_signing(self, place: int, message: Message) -> None:
+    def _set_up_signing(self, index: int, message: Message) -> None:
         """As both firmwares: on any link, only while disarmed; with a key, only if signed with it.
         No link here is ArduPilot's USB port, where it takes unsigned frames, too."""
-        fields, firmware = message.fields, self.world.vehicles[place].firmware
+        fields, firmware = message.fields, self.world.vehicles[index].firmware
         if fields["target_system"] in (0, firmware.sysid) and not firmware.armed:
             key = bytes(fields["secret_key"])
-            self._signing[place].set_up(key[:KEY_BYTES], fields["initial_timestamp"])
+            self._signing[index].set_up(key[:KEY_BYTES], fields["initial_timestamp"])
 
-    def _survivors(self, place: int, frames: list[T], radio: Radio) -> list[T]:
+    def _survivors(self, index: int, frames: list[T], radio: Radio) -> list[T]:
         """The frames that a lossy radio lets through."""
         if not radio.loss:
             return frames
-        draws = self.world.vehicles[place].faults.radio_rng.random(len(frames)).tolist()
+        draws = self.world.vehicles[index].faults.radio_rng.random(len(frames)).tolist()
         return [frame for frame, draw in zip(frames, draws, strict=True) if draw >= radio.loss]
 
     def _later(self, radio: Radio, what: Callable[[], None]) -> None:
@@ -150,28 +150,28 @@ class Hub:
 
     def _forget_clients(self) -> None:
         self._forget_s = self.world.time_s + _FORGET_EVERY_S
-        for clients, (place, _) in zip(self._clients, self.links, strict=True):
-            clients.forget(self.world.time_s, signed=self._signing[place].active)
+        for clients, (index, _) in zip(self._clients, self.links, strict=True):
+            clients.forget(self.world.time_s, signed=self._signing[index].active)
 
     def step(self) -> None:
         """One step of the world, and what the vehicles have to say after it."""
         if self.world.time_s >= self._forget_s:
             self._forget_clients()
-        for place in self.world.step():
-            self._flush(place, None)
+        for index in self.world.step():
+            self._flush(index, None)
         while self._waiting and self._waiting[0][0] <= self.world.time_s:
             heapq.heappop(self._waiting)[2]()
         if self.recorder is not None:
             self.recorder.after_step()
 
-    def _flush(self, place: int, asker: tuple[int, Address] | None) -> None:
-        said = self.world.outbox(place)
+    def _flush(self, index: int, asker: tuple[int, Address] | None) -> None:
+        said = self.world.outbox(index)
         if not said:
             return
-        radio = self.world.vehicles[place].faults.radio
+        radio = self.world.vehicles[index].faults.radio
         if radio is not None and radio.mute_heartbeat:
             said = [out for out in said if out.message.name != "HEARTBEAT"]
-        for link, channel in self._links_of[place]:
+        for link, channel in self._links_of[index]:
             if self._clients[link]:
                 heard = [out for out in said if out.channel is None or out.channel == channel]
                 self._flush_link(link, heard, asker)
@@ -179,8 +179,8 @@ class Hub:
     def _flush_link(
         self, link: int, said: list[Outgoing], asker: tuple[int, Address] | None
     ) -> None:
-        place = self.links[link][0]
-        radio = self.world.vehicles[place].faults.radio
+        index = self.links[link][0]
+        radio = self.world.vehicles[index].faults.radio
         public, answers = [], []
         for out in said:
             frame = self.codecs[link].pack(out.message)
@@ -192,7 +192,7 @@ class Hub:
             if radio is None:
                 self._transmit(link, frames, client)
             else:
-                heard = self._survivors(place, frames, radio)
+                heard = self._survivors(index, frames, radio)
                 self._later(radio, functools.partial(self._transmit, link, heard, client))
 
     def _transmit(self, link: int, frames: list[bytes], client: Address) -> None:

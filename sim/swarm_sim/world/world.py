@@ -63,8 +63,8 @@ class World:
         self._step = math.ceil(now / STEP_S)
         self._range_m = config.sensing_range_m
         self.plane = TangentPlane(config.origin.geodetic())
-        self.groups, self._places = _groups(config, self.plane)
-        rows = {i: row for places in self._places.values() for row, i in enumerate(places)}
+        self.groups, self._members = _groups(config, self.plane)
+        rows = {i: row for members in self._members.values() for row, i in enumerate(members)}
         self.vehicles = [self._vehicle(i, rows[i], config) for i in range(len(rows))]
         self.pairs = PairMinima(len(self.vehicles))
         self.events: list[WorldEvent] = []
@@ -108,13 +108,13 @@ class World:
             self.vehicles[i].run(now)
         return ran
 
-    def handle(self, place: int, message: Message, channel: int = 0) -> None:
-        """A message for the vehicle at `place`, on one of its channels."""
-        self.vehicles[place].handle(message, self.time_s, channel)
+    def handle(self, index: int, message: Message, channel: int = 0) -> None:
+        """A message for the vehicle at `index`, on one of its channels."""
+        self.vehicles[index].handle(message, self.time_s, channel)
 
-    def outbox(self, place: int) -> list[Outgoing]:
-        """What the vehicle at `place` has to say; empties it."""
-        firmware = self.vehicles[place].firmware
+    def outbox(self, index: int) -> list[Outgoing]:
+        """What the vehicle at `index` has to say; empties it."""
+        firmware = self.vehicles[index].firmware
         said, firmware.outbox = firmware.outbox, []
         return said
 
@@ -156,14 +156,14 @@ class World:
     def _follow_timetable(self) -> None:
         while self._timetable and self._timetable[0].at_s <= self.time_s - self._timetable_s:
             entry = self._timetable.popleft()
-            for place, vehicle in enumerate(self.vehicles):
+            for index, vehicle in enumerate(self.vehicles):
                 if entry.sysid in (None, vehicle.sysid):
                     for name, value in entry.set.items():
                         vehicle.firmware.parameters.set(name, value)
-                        self._event(place, f"{name} {value:g}")
+                        self._event(index, f"{name} {value:g}")
                     if entry.pilot is not None:
                         vehicle.pilot(entry.pilot, self.time_s)
-                        self._event(place, f"pilot: {vehicle.firmware.mode.name}")
+                        self._event(index, f"pilot: {vehicle.firmware.mode.name}")
 
     def _watch_arming(self) -> None:
         """Notes which vehicles lost their motors in the air, by a command or by their firmware."""
@@ -196,8 +196,8 @@ class World:
             self._event(i, "crash", impact_mps=impact_mps)
             self.vehicles[i].firmware.crashed()
 
-    def _event(self, place: int, what: str, **more: Any) -> None:
-        self.events.append(WorldEvent(self.time_s, self.vehicles[place].sysid, what, **more))
+    def _event(self, index: int, what: str, **more: Any) -> None:
+        self.events.append(WorldEvent(self.time_s, self.vehicles[index].sysid, what, **more))
 
     def _landed(self) -> Mask:
         return self._gathered(lambda state: state.landed)
@@ -208,12 +208,12 @@ class World:
         if len(parts) == 1:
             return parts[0]
         out = np.empty((len(self.vehicles), *parts[0].shape[1:]), dtype=parts[0].dtype)
-        for places, part in zip(self._places.values(), parts, strict=True):
-            out[places] = part
+        for members, part in zip(self._members.values(), parts, strict=True):
+            out[members] = part
         return out
 
-    def _vehicle(self, place: int, row: int, config: SimConfig) -> SimVehicle:
-        described = config.vehicles[place]
+    def _vehicle(self, index: int, row: int, config: SimConfig) -> SimVehicle:
+        described = config.vehicles[index]
         group = self.groups[described.motion]
         start = group.sense(row)
         rng = np.random.default_rng([config.seed, described.sysid])
@@ -223,7 +223,7 @@ class World:
             start=start,
             local_origin_ned_m=_local_origin(start.position_ned_m, rng),
             ready_after_s=described.ready_after_s,
-            traffic=partial(self._traffic, place),
+            traffic=partial(self._traffic, index),
             channels=1 + len(described.also),
         )
         firmware = _FIRMWARE[described.persona](setup, self.time_s)
@@ -234,12 +234,12 @@ class World:
             firmware, VehicleFaults(firmware.parameters, config.seed, described.sysid), group, row
         )
 
-    def _traffic(self, place: int) -> Iterable[Contact]:
+    def _traffic(self, index: int) -> Iterable[Contact]:
         # the vehicles within a sphere about this one
         positions = self.positions()
-        away = positions - positions[place]
+        away = positions - positions[index]
         near = (away * away).sum(axis=1) <= self._range_m**2
-        near[place] = False
+        near[index] = False
         for i in np.flatnonzero(near).tolist():
             truth = self.vehicles[i].truth()
             yield self.vehicles[i].sysid, truth.position_ned_m, truth.velocity_ned_mps

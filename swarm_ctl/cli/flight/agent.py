@@ -216,28 +216,28 @@ def _fetched(wanted: PlanName, known: _Known, patience_s: float) -> tuple[Plan, 
     folder = state_folder() / ("plans" if known.identity is None else "trusted-plans")
     found = kept_plan(wanted, folder)
     if found is None:
-        place = _place(wanted, known)
+        post = _post(wanted, known)
         identity = own_identity(known.identity, known.agent_id)
-        found = fetched_plan(wanted, folder, place, identity, patience_s, known.zenoh)
+        found = fetched_plan(wanted, folder, post, identity, patience_s, known.zenoh)
     return found.plan, Fleet(found.fleet, found.trust, found.signing)
 
 
-def _place(wanted: PlanName, known: _Known) -> AgentPost:
+def _post(wanted: PlanName, known: _Known) -> AgentPost:
     """Where the agent fetches its plan; InputError where it has no place, or others reach it."""
     from swarm_ctl.mission.fleet.exposure import leaves_loopback, refuse_exposed
     from swarm_ctl.runtime.fetched_plan import AgentPost
 
     given = known.given
-    place = AgentPost((given.mesh,) if given.mesh else (), tuple(given.peers or ()), given.router)
-    if not place.endpoints:
+    post = AgentPost((given.mesh,) if given.mesh else (), tuple(given.peers or ()), given.router)
+    if not post.endpoints:
         raise InputError(
             f"{wanted} is no file, so it is fetched from a station, and this agent has no place on"
             " the mesh; allowed: --mesh (and --peer), or --router"
         )
     if known.identity is None and not known.open_mesh:
-        exposed = [f"the mesh is at {at}" for at in place.endpoints if leaves_loopback(at)]
+        exposed = [f"the mesh is at {at}" for at in post.endpoints if leaves_loopback(at)]
         refuse_exposed(exposed, "FILE")
-    return place
+    return post
 
 
 @dataclass(frozen=True, slots=True)

@@ -110,10 +110,10 @@ def _told(
             f"{file}: a swarm of {len(plan.agents)} agents is a mesh of peers; allowed: 17 and"
             " more, or a fleet that names a `router`"
         )
-    return plan.name, entries.trust, *_places(entries.routers, listen)
+    return plan.name, entries.trust, *_endpoints(entries.routers, listen)
 
 
-def _places(routers: tuple[str, ...], listen: str | None) -> tuple[str, tuple[str, ...]]:
+def _endpoints(routers: tuple[str, ...], listen: str | None) -> tuple[str, tuple[str, ...]]:
     """Where it listens, and the routers before it in the fleet: of two, one has to connect."""
     if listen is None and len(routers) == 1:
         listen = routers[0]

@@ -182,9 +182,9 @@ class _Run:
         self._grid = self._times[0] + _DT_S * np.arange(steps + 1)
         self._before = np.concatenate([[self._times[0] - DEAD_TIME_S[1] - 1.0], self._times])
         self._integral = np.concatenate([[0.0], flown_on])
-        place = (self._times - self._times[0]) / _DT_S
-        self._cell = np.minimum(place.astype(np.intp), steps - 1)
-        self._part = (place - self._cell)[:, None]
+        cell = (self._times - self._times[0]) / _DT_S
+        self._cell = np.minimum(cell.astype(np.intp), steps - 1)
+        self._part = (cell - self._cell)[:, None]
 
     def velocities(self, dead_s: Floats, lag_s: Floats, most_mps2: Floats) -> Floats:
         """(n, k): for each sample the velocity of k models, given as (k,) each."""
@@ -255,9 +255,9 @@ def _refined(
             np.unique(np.clip(x + gap * np.linspace(-1, 1, 5), a, b)) for x, gap, a, b in around
         ]
         points, costs = _tried(runs, axes)
-        place = int(np.argmin(costs))
-        moved = bool(np.any(np.abs(points[:, place] - best) > 0.75 * gaps))
-        best, cost = points[:, place], float(costs[place])
+        best_at = int(np.argmin(costs))
+        moved = bool(np.any(np.abs(points[:, best_at] - best) > 0.75 * gaps))
+        best, cost = points[:, best_at], float(costs[best_at])
         if moved:
             continue
         gaps = gaps * _FINER

@@ -220,12 +220,12 @@ class StepFlight:
         """The schedule's velocity instead of the hold's, and its record."""
         self._holding_s = now if self._holding_s is None else self._holding_s
         since = now - self._holding_s
-        place = next((k for k, part in enumerate(self._schedule) if since < part.until_s), None)
-        if place is None or (part := self._schedule[place]).command_mps is None:
+        index = next((k for k, part in enumerate(self._schedule) if since < part.until_s), None)
+        if index is None or (part := self._schedule[index]).command_mps is None:
             return goal
         (n, e), along = WAYS[part.way], part.at(since)
         if part.leg:
-            if place not in self._flown:
+            if index not in self._flown:
                 self.said.append(f"{part.way}, {part.kind}")
             sample = (
                 now,
@@ -233,7 +233,7 @@ class StepFlight:
                 n * position[0] + e * position[1],
                 n * velocity[0] + e * velocity[1],
             )
-            self._flown.setdefault(place, []).append(sample)
+            self._flown.setdefault(index, []).append(sample)
         return FlyGoal((along * n, along * e, goal.velocity_ned_mps[2]))
 
 

@@ -23,8 +23,8 @@ class Histogram:
 
     def add(self, value: float) -> None:
         """Count one value; negative ones (clocks that differ) count as zero."""
-        place = int(value / self.width) if value > 0.0 else 0
-        self._bins[place if place < len(self._bins) else -1] += 1
+        bin_ = int(value / self.width) if value > 0.0 else 0
+        self._bins[bin_ if bin_ < len(self._bins) else -1] += 1
         self.count += 1
         if value > self.most:
             self.most = value

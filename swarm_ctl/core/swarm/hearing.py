@@ -106,8 +106,8 @@ class Hearing:
     def __init__(self, plan: Plan, own_id: int, reach_m: float) -> None:
         silent_s = plan.policies.agent_lost_after_s
         self.near_m = Boundary(reach_m, plan.limits.speed_mps, plan.tick_s, silent_s).near_m
-        place = [agent.id for agent in plan.agents].index(own_id)
-        self._phase_s, self._half_s = place * plan.tick_s, 0.5 * plan.tick_s
+        index = [agent.id for agent in plan.agents].index(own_id)
+        self._phase_s, self._half_s = index * plan.tick_s, 0.5 * plan.tick_s
         self._due_s = self._word_s = -math.inf
         self._always: AbstractSet[int] = frozenset()
         self._near_s: dict[int, float] = {}

@@ -41,7 +41,7 @@ from swarm_ctl.runtime.collector import collect_rarely
 from swarm_ctl.runtime.forked import serve_forked
 from swarm_ctl.runtime.lifeline import ALIVE, READY, Lifeline
 from swarm_ctl.runtime.link_keys import folder_signing
-from swarm_ctl.runtime.lockstep.seat import Seat, die, seat
+from swarm_ctl.runtime.lockstep.seat import Seat, die, take_seat
 from swarm_ctl.runtime.lockstep.words import TickPhase
 from swarm_ctl.runtime.protection import access, own_identity, valid_for_s
 from swarm_ctl.runtime.refused_links import refused_links
@@ -118,22 +118,22 @@ def run_agent(
     """Fly one agent to its end; the exit code: 0 when it completed or landed on command, 1 when it
     failed. `show` gets what it waits for and what happens, line by line."""
     identity = own_identity(config.identity, config.agent_id)
-    place = seat(config.lockstep, TickPhase.SWARM, config.epoch_s, config.speedup)
-    script = ScriptedAgent(config.script, place.clock.now)
+    seat = take_seat(config.lockstep, TickPhase.SWARM, config.epoch_s, config.speedup)
+    script = ScriptedAgent(config.script, seat.clock.now)
     with (
-        closing(place),
+        closing(seat),
         _tlog(config) as keep,
         _signing(config) as signing,
-        closing(_link(config, keep, place, signing)) as link,
+        closing(_link(config, keep, seat, signing)) as link,
         refused_links(identity) as links_refused,
-        closing(_join_mesh(config, place, identity, script)) as node,
+        closing(_join_mesh(config, seat, identity, script)) as node,
     ):
-        place.join(f"agent-{config.agent_id}", config.swarm, config.agent_id)
+        seat.join(f"agent-{config.agent_id}", config.swarm, config.agent_id)
         lifeline.tell(READY)
         ended, status = _loop(
-            config, place, link, node, lifeline, identity, links_refused, Narration(show), script
+            config, seat, link, node, lifeline, identity, links_refused, Narration(show), script
         )
-        place.end(last=True)
+        seat.end(last=True)
         lifeline.tell(f"{ended.outcome}: {ended.reason}" if ended.reason else ended.outcome)
     if config.report is not None and status is not None:
         _write_report(config.report, status)
@@ -165,11 +165,11 @@ def _signing(config: AgentConfig) -> AbstractContextManager[FrameSigning | None]
 def _link(
     config: AgentConfig,
     keep: Callable[[bytes, float], None] | None,
-    place: Seat,
+    seat: Seat,
     signing: FrameSigning | None,
 ) -> VehicleLink:
     remembers = config.memory is not None
-    vehicle = (place.wire(config.endpoint), config.autopilot, config.sysid)
+    vehicle = (seat.wire(config.endpoint), config.autopilot, config.sysid)
     mirror = (
         None if config.mirror_port is None else Mirror(config.mirror_port, config.mirror_secret)
     )
@@ -185,22 +185,22 @@ def _link(
 
 
 def _join_mesh(
-    config: AgentConfig, place: Seat, identity: Identity | None, script: ScriptedAgent
+    config: AgentConfig, seat: Seat, identity: Identity | None, script: ScriptedAgent
 ) -> Node:
-    now = place.clock.now
+    now = seat.clock.now
     transport = ZenohTransport(
         [config.listen] if config.listen else [],
         config.connect,
         now,
-        place.mesh_speedup,
-        patient=place.repeats,
+        seat.mesh_speedup,
+        patient=seat.repeats,
         access=access(identity, config.swarm),
         alive=keys.alive_key(config.swarm, "agent", config.agent_id),
         own=config.zenoh,
         # what does not listen is a router's client
         part=part_in(config.plan, () if config.listen else config.connect),
     )
-    node = Node(script.wrap(place.mesh(transport)), config.swarm, config.agent_id)
+    node = Node(script.wrap(seat.mesh(transport)), config.swarm, config.agent_id)
     listen(node, config.plan)
     return node
 
@@ -226,7 +226,7 @@ def _log(text: str) -> None:
 
 def _loop(
     config: AgentConfig,
-    place: Seat,
+    seat: Seat,
     link: VehicleLink,
     node: Node,
     lifeline: Lifeline,
@@ -239,10 +239,10 @@ def _loop(
     agent = Agent(
         config.plan,
         config.agent_id,
-        own(place.clock.now()),
+        own(seat.clock.now()),
         expect_station=config.expect_station,
         vehicle=config.vehicle,
-        keys_end_s=own(place.clock.now()) + valid_for_s(identity),
+        keys_end_s=own(seat.clock.now()) + valid_for_s(identity),
         # in lockstep mission time has no pace: no command is old
         speedup=math.inf if config.lockstep else config.speedup,
         same_clock=config.same_clock,
@@ -252,7 +252,7 @@ def _loop(
     remembering = Remembering(memory, config.endpoint, config.flight)
     shown, remembers = Rim("what this agent tells of itself"), Rim("the vehicle's memory")
     shares, refusals = Rim("the shared link"), Rim("the words on refused messages")
-    ticker = place.ticker(config.plan.tick_s, lambda: lifeline.tell(ALIVE))
+    ticker = seat.ticker(config.plan.tick_s, lambda: lifeline.tell(ALIVE))
     status: AgentStatus | None = None
     collect_rarely()
 
@@ -263,7 +263,7 @@ def _loop(
     while True:
         script.turn(swarm_s)  # what is due at the end of the tick before
         if script.killed:
-            die(place)
+            die(seat)
         swarm_s = ticker.wait()
         if script.stopped:
             continue

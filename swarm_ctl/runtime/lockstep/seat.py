@@ -98,7 +98,7 @@ class Seat:
         """Leave."""
 
 
-def seat(lockstep: str | None, phase: TickPhase, epoch_s: float, speedup: float) -> Seat:
+def take_seat(lockstep: str | None, phase: TickPhase, epoch_s: float, speedup: float) -> Seat:
     """In real time, or at the barrier of the keeper at the address `lockstep`."""
     if lockstep is None:
         return Seat(Clock(epoch_s, speedup))
@@ -324,14 +324,14 @@ def _pause(member: LockstepMember, lacking: int = 0) -> None:
     wall.pause(_LOOK_WALL_S * max(lacking / _FEW, _crowd(member) ** 2))
 
 
-def die(place: Seat) -> None:
+def die(seat: Seat) -> None:
     """Kill this process in its turn: this tick is its last one that others hear of. It lives on
     until they have, as its messages may still be on their way out of it."""
     for _ in range(_HEARD_TICKS):
-        place.end()
-        while not place.begin(_WAIT_WALL_S):
+        seat.end()
+        while not seat.begin(_WAIT_WALL_S):
             pass
-    place.end(last=True)
+    seat.end(last=True)
     os.kill(os.getpid(), signal.SIGKILL)
 
 
@@ -348,22 +348,22 @@ def _publisher(name: str) -> str:
 class BarrierTicker(Ticker):
     """Ticks when the keeper says so; never late, and no tick is missed."""
 
-    def __init__(self, place: BarrierSeat, period_s: float, waiting: Callable[[], None]) -> None:
-        super().__init__(place.clock, period_s)
-        self._place = place
+    def __init__(self, seat: BarrierSeat, period_s: float, waiting: Callable[[], None]) -> None:
+        super().__init__(seat.clock, period_s)
+        self._seat = seat
         self._waiting = waiting
         self._began_wall_s: float | None = None
 
     def wait(self) -> float:
-        place = self._place
-        if place.free:
+        seat = self._seat
+        if seat.free:
             return self._by_the_wall()
         if self._began_wall_s is not None:
             self._work.add((wall.wall_s() - self._began_wall_s) * 1000.0)
-        place.end()
-        while not place.begin(_WAIT_WALL_S):
+        seat.end()
+        while not seat.begin(_WAIT_WALL_S):
             self._waiting()
-        if place.free:
+        if seat.free:
             return self._by_the_wall()
         self._began_wall_s = wall.wall_s()
         self._late.add(0.0)
@@ -374,5 +374,5 @@ class BarrierTicker(Ticker):
             self._began_wall_s = None
             self._due = self.clock.now()
         now = super().wait()
-        self._place.begin(0.0)
+        self._seat.begin(0.0)
         return now

@@ -68,8 +68,8 @@ def run_link(
             raise LinkError(f"agent {config.agents[0].id} shares no radio")
         radio = opened.enter_context(closing(open_wire(share.endpoint)))
         ports = [_port(agent, opened) for agent in config.agents]
-        places = [_place(a, port, config) for a, port in zip(config.agents, ports, strict=True)]
-        switch = Switch(radio, places, share.endpoint, config.bytes_per_s or share.bytes_per_s)
+        routes = [_route(a, port, config) for a, port in zip(config.agents, ports, strict=True)]
+        switch = Switch(radio, routes, share.endpoint, config.bytes_per_s or share.bytes_per_s)
         lifeline.tell(READY)
         show_s = spoke_s = wall_s()
         trouble = ""
@@ -99,7 +99,7 @@ def _port(agent: FleetAgent, opened: ExitStack) -> AgentPort:
     return opened.enter_context(closing(AgentPort(agent.id, port)))
 
 
-def _place(agent: FleetAgent, port: AgentPort, config: LinkConfig) -> RadioRoute:
+def _route(agent: FleetAgent, port: AgentPort, config: LinkConfig) -> RadioRoute:
     if agent.radio is None:
         raise LinkError(f"agent {agent.id} shares no radio")
     return RadioRoute(agent, port, budget(agent.radio, agent.autopilot, signed=config.signed).hz)

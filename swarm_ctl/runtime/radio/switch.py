@@ -65,10 +65,10 @@ class _Ear:
 class _Port:
     """An agent, its vehicle, and what has passed between them."""
 
-    def __init__(self, place: RadioRoute) -> None:
-        self.agent, self.wire = place.agent, place.wire
-        self.ear = _Ear(place.wire)
-        self.lane = Lane(place.setpoint_hz)
+    def __init__(self, route: RadioRoute) -> None:
+        self.agent, self.wire = route.agent, route.wire
+        self.ear = _Ear(route.wire)
+        self.lane = Lane(route.setpoint_hz)
         self.lateness = Lateness()
         self.up, self.down, self.setpoints = Flow(), Flow(), Flow()
         self.late = self.unsent = 0
@@ -94,10 +94,10 @@ class Switch:
     """Joins a radio and its agents; `turn` is to be called every few milliseconds."""
 
     def __init__(
-        self, radio: Wire, places: Sequence[RadioRoute], name: str, bytes_per_s: int
+        self, radio: Wire, routes: Sequence[RadioRoute], name: str, bytes_per_s: int
     ) -> None:
         self._name, self._bytes_per_s = name, bytes_per_s
-        self._ports = {place.agent.id: _Port(place) for place in places}
+        self._ports = {route.agent.id: _Port(route) for route in routes}
         self._by_system = {port.agent.sysid: port for port in self._ports.values()}
         self._by_agent_system = {port.agent.agent_sysid: port for port in self._ports.values()}
         lanes = {agent: port.lane for agent, port in self._ports.items()}

@@ -79,24 +79,24 @@ def open_node(
     *,
     listen: Sequence[str] = (),
     role: str = "station",
-    place: Seat | None = None,
+    seat: Seat | None = None,
     identity: Identity | None = None,
     part: MeshPart = MeshPart.PEER,
     plan: bytes | None = None,
     own: Mapping[str, Any] | None = None,
 ) -> Node:
     """Join a swarm's mesh under a name that no other process has, on any host; in lockstep, where
-    `place` is the process's seat, in no other role. On a protected mesh, `identity` owns it.
+    `seat` is the process's seat, in no other role. On a protected mesh, `identity` owns it.
     `part`: `zenoh_config.part_in` the swarm's plan. `plan`: the offer for agents that fetch it
     (`offers.pack`); None: of a process that is no station. `own`: a user's zenoh settings."""
-    again = place is not None and place.repeats
+    again = seat is not None and seat.repeats
     suffix = "lockstep" if again else f"{os.getpid()}-{uuid.uuid4().hex[:6]}"
     name = f"{role}-{suffix}" if identity is None else station_name(identity.name, suffix)
     transport = ZenohTransport(
         listen,
         connect,
         clock.now,
-        place.mesh_speedup if place else clock.speedup,
+        seat.mesh_speedup if seat else clock.speedup,
         patient=again,
         access=access(identity, swarm),
         part=part,
@@ -105,7 +105,7 @@ def open_node(
     )
     if plan is not None:
         transport.serve(keys.plan_key(swarm, name), plan)
-    return Node(place.mesh(transport) if place else transport, swarm, name)
+    return Node(seat.mesh(transport) if seat else transport, swarm, name)
 
 
 class Station:

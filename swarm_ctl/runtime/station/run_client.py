@@ -37,7 +37,7 @@ class RunClient:
 
     `run` is a run folder or the mission of a run that flies; None: the only one that flies
     (`flying_run`). InputError where several may be meant.
-    `place`: at the barrier of a run in lockstep, which then waits for this client.
+    `seat`: at the barrier of a run in lockstep, which then waits for this client.
     `identity`: the folder of the operator who speaks; None: of the one who flies the run.
     `zenoh`: a user's own settings; None: those with which the run is flown.
     """
@@ -45,13 +45,13 @@ class RunClient:
     def __init__(
         self,
         run: Path | str | None = None,
-        place: BarrierSeat | None = None,
+        seat: BarrierSeat | None = None,
         identity: Path | None = None,
         zenoh: Mapping[str, Any] | None = None,
     ) -> None:
         self._manifest: Manifest = read_manifest(flying_run(run))
-        manifest, self._place = self._manifest, place
-        clock = self._clock = place.clock if place else MeshClock.of_run(manifest)
+        manifest, self._seat = self._manifest, seat
+        clock = self._clock = seat.clock if seat else MeshClock.of_run(manifest)
         swarm, mesh = manifest.swarm, manifest.whole_mesh
         self._identity = operator_identity(manifest.trust, identity or manifest.flown_by)
         self._node = open_node(
@@ -59,23 +59,23 @@ class RunClient:
             mesh,
             clock,
             role="send",
-            place=place,
+            seat=seat,
             identity=self._identity,
             part=part_in(manifest.plan, manifest.routers),
             own=manifest.zenoh if zenoh is None else zenoh,
         )
         self._station = Station(manifest.plan, Path(manifest.mission), self._node, clock)
-        if place is not None:
-            place.join(TEST, swarm, self._node.name)
+        if seat is not None:
+            seat.join(TEST, swarm, self._node.name)
             self.turn()
 
     def turn(self) -> None:
         """Let a moment go by; at the barrier, a tick."""
-        if self._place is None:
+        if self._seat is None:
             wall.pause(_POLL_WALL_S)
             return
-        self._place.end()
-        while not self._place.begin(_POLL_WALL_S):
+        self._seat.end()
+        while not self._seat.begin(_POLL_WALL_S):
             pass
 
     def now(self) -> float:
@@ -91,8 +91,8 @@ class RunClient:
     def close(self) -> None:
         """Leave the mesh."""
         self._node.close()
-        if self._place is not None:
-            self._place.close()
+        if self._seat is not None:
+            self._seat.close()
 
     def newest(self) -> dict[int, AgentState]:
         """The newest state of every agent heard in the last seconds; does not wait."""
@@ -167,7 +167,7 @@ class RunClient:
 
     def _waited_s(self) -> float:
         """What its time-outs count by: the wall clock, at the barrier mission time."""
-        return wall.wall_s() if self._place is None else self._clock.now()
+        return wall.wall_s() if self._seat is None else self._clock.now()
 
     def _heard(self, since_s: float) -> list[AgentView]:
         """The agents with a state that is not older."""

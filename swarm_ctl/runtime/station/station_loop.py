@@ -134,9 +134,9 @@ class RunControl:
     """Of a run's own station: `run` ends it. When `run` is killed, the station ends after the
     agents and the simulator."""
 
-    def __init__(self, pipe: ControlPipe, place: Seat, folder: Path) -> None:
+    def __init__(self, pipe: ControlPipe, seat: Seat, folder: Path) -> None:
         self._pipe = pipe
-        self._place = place
+        self._seat = seat
         self._truth = folder / "truth.jsonl"
         self._accounts = folder / "agents"
         self._look_wall_s = 0.0
@@ -145,7 +145,7 @@ class RunControl:
     def obey(self, station: Station, screen: Screen) -> bool:
         for message in self._pipe.poll():
             if message.get("finish"):
-                self._place.leave()
+                self._seat.leave()
                 station.turn()
                 if (view := station.seen()) is not None:
                     station.shows.run(screen.show, view)
@@ -169,7 +169,7 @@ class RunControl:
     def _all_ended(self, view: SwarmView | None, agents: int) -> bool:
         """All agents have ended, and the simulator has closed its truth file. Without a picture,
         by their accounts alone."""
-        now = self._place.clock.now()
+        now = self._seat.clock.now()
         if view is None:
             if len(list(self._accounts.glob("*.json"))) < agents:
                 return False

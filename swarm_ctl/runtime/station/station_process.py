@@ -26,7 +26,7 @@ from swarm_ctl.report.folder.manifest import read_manifest
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import write_summary
 from swarm_ctl.runtime.foxglove.recorders import foxglove_on, run_mcap
-from swarm_ctl.runtime.lockstep.seat import STATION, Seat, die, seat
+from swarm_ctl.runtime.lockstep.seat import STATION, Seat, die, take_seat
 from swarm_ctl.runtime.lockstep.words import TickPhase
 from swarm_ctl.runtime.protection import operator_identity
 from swarm_ctl.runtime.served import NO_PORTS, ServedPorts
@@ -51,15 +51,15 @@ def run_station(
     listen = [manifest.station_mesh] if manifest.station_mesh else []
     identity = operator_identity(manifest.trust, manifest.flown_by)
     with contextlib.ExitStack() as opened:
-        place = seat(manifest.lockstep, TickPhase.SWARM, manifest.epoch_s, manifest.speedup)
-        opened.callback(place.close)
-        clock = place.clock
+        seat = take_seat(manifest.lockstep, TickPhase.SWARM, manifest.epoch_s, manifest.speedup)
+        opened.callback(seat.close)
+        clock = seat.clock
         node = open_node(
             manifest.swarm,
             manifest.agents_mesh,
             clock,
             listen=listen,
-            place=place,
+            seat=seat,
             identity=identity,
             part=part_in(manifest.plan, manifest.routers),
             plan=pack(manifest.plan, manifest.fleet, manifest.signing),
@@ -80,33 +80,33 @@ def run_station(
             memory=memory,
             protection=protection(identity, manifest.signing, is_open=manifest.open_mesh),
         )
-        control = RunControl(pipe, place, folder)
+        control = RunControl(pipe, seat, folder)
         measure = opened.enter_context(metrics_on(ports.metrics))
-        place.join(STATION, manifest.swarm, node.name)
+        seat.join(STATION, manifest.swarm, node.name)
         ready()
         present(
             show,
             manifest.plan,
             lambda: None if pipe.closed else os.kill(os.getppid(), signal.SIGINT),
             lambda screen: loop(
-                station, screen, control, measure, place.begin, _end(folder, place, station, screen)
+                station, screen, control, measure, seat.begin, _end(folder, seat, station, screen)
             ),
         )
     if pipe.closed:
         write_summary(folder, summarise(folder, None))
 
 
-def _end(folder: Path, place: Seat, station: Station, screen: Screen) -> Callable[[], None]:
+def _end(folder: Path, seat: Seat, station: Station, screen: Screen) -> Callable[[], None]:
     """What ends a tick; before that, in a scenario, its operator has his turn."""
     script = script_of(folder)
     if script is None:
-        return place.end
+        return seat.end
     operator = ScriptedOperator(script, station, screen.note)
 
     def end() -> None:
-        if operator.turn(place.clock.now()):
-            die(place)
-        place.end()
+        if operator.turn(seat.clock.now()):
+            die(seat)
+        seat.end()
 
     return end
 

@@ -135,8 +135,8 @@ class ArduCopter(Sitl):
             return Path(shutil.copy(DEFAULTS, self.folder))
         source = Path("Tools", "autotest", "default_params", "copter.parm")
         trees = [parent / source for parent in list(binary.parents)[2:4]]
-        places = [binary.with_name("copter.parm"), *trees, DEFAULTS]
-        return next(place for place in places if place.is_file())
+        files = [binary.with_name("copter.parm"), *trees, DEFAULTS]
+        return next(file for file in files if file.is_file())
 
 
 class Px4Sitl(Sitl):

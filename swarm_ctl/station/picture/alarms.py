@@ -147,8 +147,8 @@ def _figure(of: Callable[[AgentView], float | None], words: str, *, least: bool 
 
 def _apart(value: float, limit: float, decimals: int) -> tuple[str, str]:
     """Both with as many decimals as it takes to tell them apart."""
-    for places in range(decimals, 7):
-        words = f"{value:.{places}f}", f"{limit:.{places}f}"
+    for digits in range(decimals, 7):
+        words = f"{value:.{digits}f}", f"{limit:.{digits}f}"
         if words[0] != words[1]:
             break
     return words

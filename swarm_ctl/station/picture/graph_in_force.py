@@ -20,9 +20,9 @@ def edges_in_force(
     if not chosen:
         return edges({agent.id: agent.neighbours for agent in plan.agents})
     holders = {}
-    for place, agent in enumerate(ids):
-        role = states[agent].exchange.role if agent in states else place
-        holders[ids[role if 0 <= role < len(ids) else place]] = agent
+    for index, agent in enumerate(ids):
+        role = states[agent].exchange.role if agent in states else index
+        holders[ids[role if 0 <= role < len(ids) else index]] = agent
     by_slot = edges(dict(zip(ids, chosen[-1], strict=True)))
     pairs = ((holders.get(a, a), holders.get(b, b)) for a, b in by_slot)
     return tuple(sorted({(min(p), max(p)) for p in pairs if p[0] != p[1]}))

@@ -212,10 +212,10 @@ class Journal:
         self._entries.append(entry)
 
     def _change(self, number: int, *, count_more: int = 0, **changes: object) -> None:
-        place = number - self._first
-        if 0 <= place < len(self._entries):
-            entry = self._entries[place]
-            self._entries[place] = replace(entry, count=entry.count + count_more, **changes)  # type: ignore[arg-type]
+        index = number - self._first
+        if 0 <= index < len(self._entries):
+            entry = self._entries[index]
+            self._entries[index] = replace(entry, count=entry.count + count_more, **changes)  # type: ignore[arg-type]
 
 
 def _all_agents(found: list[Alarm]) -> tuple[int, ...]:

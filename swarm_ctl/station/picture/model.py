@@ -95,10 +95,10 @@ class _Heard:
 class _Apart:
     """Horizontal distances [m] between the agents ever heard."""
 
-    def __init__(self, places: Mapping[int, Point]) -> None:
-        self._at = {agent: k for k, agent in enumerate(places)}
-        ids = list(places)
-        self._between = distances(list(places.values())) if len(places) > 1 else np.zeros((0, 0))
+    def __init__(self, starts: Mapping[int, Point]) -> None:
+        self._at = {agent: k for k, agent in enumerate(starts)}
+        ids = list(starts)
+        self._between = distances(list(starts.values())) if len(starts) > 1 else np.zeros((0, 0))
         others = self._between + np.diag(np.full(len(self._between), np.inf))
         nearest = others.argmin(axis=1).tolist() if len(others) else []
         self.nearest = {

@@ -88,8 +88,8 @@ def fit(value: float | None, width: int, decimals: int) -> str:
     """A number with as many of its decimals as fit into `width`; a dash for none."""
     if value is None:
         return DASH
-    for places in range(decimals, -1, -1):
-        text = f"{value:z.{places}f}"  # z: no -0.0
+    for decimals_left in range(decimals, -1, -1):
+        text = f"{value:z.{decimals_left}f}"  # z: no -0.0
         if len(text) <= width:
             return text
     return "9" * (width - 1) + "+" if value > 0 else "-" * width
@@ -104,8 +104,8 @@ def blocks(values: Sequence[float], width: int, most: float) -> str:
 
 def gauge(share: float, width: int) -> tuple[str, str, str]:
     """A rail with a marker at `share` (0..1): (before, marker, after), `width` cells in all."""
-    place = round(min(1.0, max(0.0, share)) * (width - 1))
-    return "─" * place, "┃", "─" * (width - 1 - place)
+    column = round(min(1.0, max(0.0, share)) * (width - 1))
+    return "─" * column, "┃", "─" * (width - 1 - column)
 
 
 def bar(share: float, width: int) -> str:

@@ -127,8 +127,8 @@ class Heading:
 
     def label(self, column: int) -> Segment:
         """The title, with what `DataTable` makes a click on the header from."""
-        place = Style(meta={"row": -1, "column": column})
-        return Segment(self.cell(self.title).words, style(self.name) + place)
+        meta = Style(meta={"row": -1, "column": column})
+        return Segment(self.cell(self.title).words, style(self.name) + meta)
 
     def cell(self, words: str, name: str = "", click: str = "") -> WordsView:
         """Words at their place in the column, cut if need be, and the gap."""
@@ -182,8 +182,8 @@ class CellTable(DataTable[TableCell], OnGround, can_focus=False):
                     self.update_cell(key, str(k), now)
         if list(rows) != self._order:
             self._order = list(rows)
-            place = {row[0]: k for k, row in enumerate(rows.values())}
-            self.sort("0", key=place.__getitem__)
+            index = {row[0]: k for k, row in enumerate(rows.values())}
+            self.sort("0", key=index.__getitem__)
 
     def on_resize(self) -> None:
         """What was drawn was for another room."""

@@ -15,7 +15,7 @@ import pytest
 from swarm_ctl.errors import LinkError
 from swarm_ctl.runtime import clock as wall
 from swarm_ctl.runtime.lockstep.keeper import Keeper, Rules
-from swarm_ctl.runtime.lockstep.seat import seat
+from swarm_ctl.runtime.lockstep.seat import take_seat
 from swarm_ctl.runtime.lockstep.words import TickPhase
 
 pytestmark = pytest.mark.timeout(20)
@@ -35,7 +35,7 @@ def test_without_its_keeper_time_goes_on_by_the_wall() -> None:
 
     thread = threading.Thread(target=keep)
     thread.start()
-    with closing(seat(address, TickPhase.SWARM, 0.0, 10.0)) as place:
+    with closing(take_seat(address, TickPhase.SWARM, 0.0, 10.0)) as place:
         place.join("agent-1", "test", 1)
         ticker = place.ticker(0.05, lambda: None)
         assert [round(ticker.wait(), 6) for _ in range(100)] == [
@@ -72,7 +72,7 @@ def test_a_resolver_that_fails_for_now_is_asked_again(monkeypatch: pytest.Monkey
     """As a container engine's does while containers start."""
     said = iter(["", "127.0.0.1"])
     answers(monkeypatch, said)
-    with closing(seat(None, TickPhase.SWARM, 0.0, 1.0).wire("udpout:vehicle-3:9")):
+    with closing(take_seat(None, TickPhase.SWARM, 0.0, 1.0).wire("udpout:vehicle-3:9")):
         assert next(said, None) is None
 
 
@@ -82,4 +82,4 @@ def test_a_resolver_that_goes_on_failing_ends_it(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(wall, "wall_s", lambda: float(next(seconds)))
     monkeypatch.setattr(wall, "pause", lambda _seconds: None)
     with pytest.raises(LinkError, match=r"udpout:vehicle-3:9: can't be opened: .*Temporary"):
-        seat(None, TickPhase.SWARM, 0.0, 1.0).wire("udpout:vehicle-3:9")
+        take_seat(None, TickPhase.SWARM, 0.0, 1.0).wire("udpout:vehicle-3:9")
