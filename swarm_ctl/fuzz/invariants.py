@@ -22,7 +22,7 @@ import numpy.typing as npt
 from swarm_ctl.core.agent.agent import STATUS_EVERY_S
 from swarm_ctl.core.kernel.constraints import margins_of
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
-from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Outcome, Phase
+from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Outcome, Phase, StepOutcome
 from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.vehicle import MISPLACED_M, OVER_M
@@ -321,6 +321,16 @@ def _down(seen: _Seen) -> Iterator[str]:
             continue
         how = "in the air" if truth.airborne[-1, k] else "armed"
         yield f"the vehicle of agent {agent} was {how} at the end, {truth.time_s[-1]:.1f} s"
+    for agent in sorted(set(seen.ids) - seen.elsewhen):
+        last = seen.statuses[agent][-1:]
+        results = last[0].steps[1:] if last else ()
+        for planned, step in zip(seen.plan.steps, results, strict=False):
+            if not planned.goes_down or step.result is not StepOutcome.DONE or step.end_s is None:
+                continue
+            at = int(np.searchsorted(truth.time_s, step.end_s))
+            up = at < len(truth.time_s) and truth.airborne[at, seen.column[agent]]
+            if up and step.end_s < min(seen.taken[agent], seen.lies[agent]):
+                yield f"agent {agent} was done with `{step.name}` at {step.end_s:.1f} s, in the air"
 
 
 def _apart(seen: _Seen) -> Iterator[str]:

@@ -55,6 +55,15 @@ def test_a_judge_that_sees_nothing_is_contradicted(good: FlownScenario) -> None:
     assert {Invariant.APART, Invariant.VERDICT} <= kinds(with_truth(good, position_ned_m=near))
 
 
+def test_a_landing_that_is_done_in_the_air(good: FlownScenario) -> None:
+    """Though the vehicle comes down later."""
+    ended_s = good.statuses[-1].steps[-1].end_s
+    assert ended_s is not None
+    late = good.truth.airborne.copy()
+    late[good.truth.time_s < ended_s + 0.2] |= late[150]
+    assert Invariant.DOWN in kinds(with_truth(good, airborne=late))
+
+
 def test_a_verdict_without_a_cause_of_its_kind(good: FlownScenario) -> None:
     for cause in (Cause.WIND, Cause.BATTERY, Cause.STATION, Cause.PILOT):
         summary = good.summary.model_copy(
