@@ -11,12 +11,12 @@ import math
 import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swarm_ctl import slot_assignment
 from swarm_ctl.commands.parse import BY_NAME, Order, tuned
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.messages import ABOUT, ENDING, Command, CommandKind, Gains, Tuning
@@ -27,9 +27,6 @@ from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.safety.fence import inside
 from swarm_ctl.core.swarm.gain_update import LEAD_S, limits, planned
 from swarm_ctl.errors import InputError
-from swarm_ctl.mission.compile.loader import LoadedMission, load
-from swarm_ctl.mission.geometry import slot_assignment
-from swarm_ctl.mission.geometry.shapes import slots_of
 
 _TOLERANCE_M: Final = 0.5
 _SETTLE_S: Final = 5.0
@@ -102,8 +99,8 @@ class SwarmNow:
         return found
 
 
-def build(order: Order, swarm: SwarmNow, mission: LoadedMission | Path) -> Command:
-    """The command for `order` and the swarm as it is; `mission` has the shapes.
+def build(order: Order, swarm: SwarmNow) -> Command:
+    """The command for `order` and the swarm as it is.
 
     Raises:
         InputError: there is no such command, agent or shape, a number is out of range, or an agent
@@ -124,7 +121,7 @@ def build(order: Order, swarm: SwarmNow, mission: LoadedMission | Path) -> Comma
         case CommandKind.NEXT:
             return replace(command, at_step=order.at_step or swarm.step)
         case CommandKind.FORM:
-            step: FormStep | MoveStep = _form(order.arguments[0], swarm, mission)
+            step: FormStep | MoveStep = _form(order.arguments[0], swarm)
         case CommandKind.MOVE:
             step = _move(order, swarm)
         case CommandKind.TUNE:
@@ -144,28 +141,24 @@ def _check(order: Order, plan: Plan) -> None:
             raise InputError(f"there is no agent {agent}; allowed: {', '.join(map(str, known))}")
 
 
-def _form(shape: str, swarm: SwarmNow, mission: LoadedMission | Path) -> FormStep:
-    """A shape of the mission; each slot goes to an agent that is near."""
+def _form(shape: str, swarm: SwarmNow) -> FormStep:
+    """A shape of the plan; each slot goes to an agent that is near."""
     plan, points_m = swarm.plan, swarm.stop_points_m("form")
-    shapes = (mission if isinstance(mission, LoadedMission) else load(mission)).shapes
+    shapes = {each.name: each.slots for each in plan.shapes}
     if shape not in shapes:
-        where = "this mission" if isinstance(mission, LoadedMission) else mission
         close = difflib.get_close_matches(shape, shapes, n=1)
         hint = f"; did you mean {close[0]}?" if close else ""
         raise InputError(
-            f"there is no shape {shape!r} in {where}{hint}; allowed: {', '.join(sorted(shapes))}"
+            f"there is no shape {shape!r} in this mission{hint}; allowed:"
+            f" {', '.join(shapes) or 'none'}"
         )
-    count = len(plan.agents)
-    slots = slots_of(shapes[shape], count)
-    if len(slots) != count:
-        raise InputError(f"{shape} has {len(slots)} slots for {count} agents")
     # The agents that have left take the slots that no other wants.
-    points = np.full((count, 2), np.nan)
+    points = np.full((len(plan.agents), 2), np.nan)
     for place, agent in enumerate(plan.agents):
         if agent.id in points_m:
             points[place] = np.array(points_m[agent.id]) / plan.unit_m
-    # Rounded, so that the command's text is short; + 0.0 makes 0.0 of -0.0.
-    chosen = np.round(slot_assignment.nearest(points, slots), 9) + 0.0
+    dealt = slot_assignment.rounded(slot_assignment.nearest(points, shapes[shape]))
+    chosen = np.array(dealt)
     if smallest_distance(chosen) <= plan.law.r_out:
         raise InputError(
             f"slots of {shape} are closer than r_out, {plan.law.r_out * plan.unit_m:g} m"
@@ -177,9 +170,7 @@ def _form(shape: str, swarm: SwarmNow, mission: LoadedMission | Path) -> FormSte
         plan,
         {a.id: centre + at for a, at in zip(plan.agents, offsets, strict=True)},
     )
-    return FormStep(
-        shape, tuple((float(n), float(e)) for n, e in chosen), _TOLERANCE_M, _SETTLE_S, _NO_END_S
-    )
+    return FormStep(shape, dealt, _TOLERANCE_M, _SETTLE_S, _NO_END_S)
 
 
 def _move(order: Order, swarm: SwarmNow) -> MoveStep:

@@ -84,11 +84,6 @@ class Order:
         return " ".join((self.kind, *([_BY] if self.by else []), *self.arguments))
 
 
-def shapes(plan: Plan) -> list[str]:
-    """The names of the shapes in the mission's steps."""
-    return list(dict.fromkeys(form.shape for s in plan.steps if (form := s.new_shape) is not None))
-
-
 def parse(line: str, plan: Plan, marked: Iterable[int] = ()) -> Order:
     """The order in `line`, for the agents that it names (`land @1,3-5`, `land 3`, `land @all`) or
     else for the `marked` ones.
@@ -136,7 +131,7 @@ def complete(line: str, plan: Plan) -> list[str]:
 def arguments(kind: Kind, named: Sequence[str], plan: Plan) -> list[str]:
     """The words that may follow a command and its arguments so far."""
     if kind.name is CommandKind.FORM:
-        return [] if named else shapes(plan)
+        return [] if named else [shape.name for shape in plan.shapes]
     if kind.name is CommandKind.TUNE:
         values = asdict(planned(plan)).items()
         taken = {word.partition("=")[0] for word in named}
@@ -198,10 +193,9 @@ def _agents(text: str, plan: Plan) -> tuple[int, ...]:
 def _check(kind: Kind, arguments: list[str], plan: Plan) -> None:
     usage = f"{kind.name} {kind.usage}".strip()
     if kind.name is CommandKind.FORM:
-        if len(arguments) != 1:  # `build` checks the name: the mission file may have more shapes
-            raise InputError(
-                f"usage: {usage}; this mission flies {', '.join(shapes(plan)) or 'none'}"
-            )
+        if len(arguments) != 1:  # `build` checks the name
+            known = ", ".join(shape.name for shape in plan.shapes)
+            raise InputError(f"usage: {usage}; this mission has {known or 'none'}")
     elif kind.name is CommandKind.MOVE:
         numbers = [_number(word) for word in arguments]
         if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):

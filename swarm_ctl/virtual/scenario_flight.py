@@ -204,7 +204,7 @@ class ScenarioFlight:
     def operated(self, number: int) -> Station:
         """The station that the operator sits at, as in a run."""
         node = Node(MemoryTransport(self.swarm.mesh), "test", f"{STATION}-{number}")
-        return Station(self.plan, self.mission, node, _SwarmClock(self.swarm))
+        return Station(self.plan, node, _SwarmClock(self.swarm))
 
     def kill(self, *agents: int) -> None:
         """Kill agents' processes."""

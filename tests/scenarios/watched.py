@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 from swarm_ctl.mesh.memory_transport import MemoryTransport
 from swarm_ctl.mesh.node import Node
@@ -35,7 +34,7 @@ class Watch:
         self.swarm = swarm
         self.journal = Journal()
         node = Node(MemoryTransport(swarm.mesh), "test", "watch")
-        self._station = Station(swarm.plan, Path(), node, _SwarmClock(swarm))
+        self._station = Station(swarm.plan, node, _SwarmClock(swarm))
         self._due_s = 0.0
         self._raised: dict[tuple[str, tuple[int, ...]], None] = {}
         self.banners: list[tuple[float, Level, str]] = []

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from swarm_ctl.mission.compile.loader import LoadedMission, load
+from swarm_ctl.mission.compile.plan_file import plan_to_json
 from swarm_ctl.report.folder.last_statuses import STATUSES
 from swarm_ctl.report.folder.manifest import read_manifest, write_manifest
 from swarm_ctl.report.judge.summarise import summarise
@@ -49,10 +50,13 @@ def station(vehicles: subprocess.Popen[bytes], tmp_path: Path) -> Iterator[subpr
 
 
 def _station(mission: LoadedMission, folder: Path) -> subprocess.Popen[str]:
+    """It knows the plan alone: no mission lies where it is."""
+    plan = folder / "plan.json"
+    plan.write_text(plan_to_json(mission.plan, mission.fleet))
     more = ["--headless", "--runs", folder / "runs", "--speedup", f"{_SPEEDUP:g}"]
     more += ["--truth", folder / _TRUTH]
     return subprocess.Popen(
-        [SWARM_CTL, "station", "--mission", mission.source, *more],
+        [SWARM_CTL, "station", "--mission", plan, *more],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

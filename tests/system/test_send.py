@@ -76,7 +76,7 @@ def test_an_operator_commands_from_the_shell(tmp_path: Path, typed: Typed) -> No
         assert send("form", "rwo") == (
             2,
             (
-                f"error: there is no shape 'rwo' in {mission}; did you mean row?; "
+                "error: there is no shape 'rwo' in this mission; did you mean row?; "
                 "allowed: hexagon, row"
             ),
         )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from swarm_ctl.cli.flight.agent import plan_and_fleet
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.options import (
     Foxglove,
@@ -49,7 +50,8 @@ def station(
         str | None, typer.Argument(metavar="RUN", help=_RUN, autocompletion=complete_runs)
     ] = None,
     mission: Annotated[
-        Path | None, option("FILE", "A mission file instead of a run: for a swarm on other hosts.")
+        Path | None,
+        option("FILE", "A mission or plan file, not a run: for a swarm on other hosts."),
     ] = None,
     mesh: Annotated[list[str] | None, option("tcp/HOST:PORT", _MESH)] = None,
     fleet: Annotated[
@@ -72,9 +74,9 @@ def station(
     """Watch and command a swarm that flies already.
 
     From another terminal, give the run folder or the mission's name, or neither if only one swarm
-    flies. From another host, give the mission file and the agents' mesh addresses: the station
-    waits until it hears them. It shows agents that fly another plan, but can't send them a shape.
-    Ctrl-C leaves; the swarm flies on. Without a dashboard it ends with the run.
+    flies. From another host, give the mission or plan file and the agents' mesh addresses: the
+    station waits until it hears them. It shows agents that fly another plan, but can't send them a
+    shape. Ctrl-C leaves; the swarm flies on. Without a dashboard it ends with the run.
 
     With --runs it is the flight's own station, as that of `run`: agents that were started with
     --expect-station wait for it, and its exit code is the mission's (0 completed, 1 failed, 130
@@ -86,10 +88,9 @@ def station(
         swarm-ctl station runs/20260101-120000-hexagon
         swarm-ctl station hexagon --foxglove 8765
         swarm-ctl station --mission missions/hexagon.yaml --fleet outdoors.yaml
-        swarm-ctl station --mission pair.yaml --mesh tcp/10.0.0.11:7447
+        swarm-ctl station --mission plan.json --mesh tcp/10.0.0.11:7447
         swarm-ctl station --mission square.yaml --fleet outdoors.yaml --runs runs
     """
-    from swarm_ctl.mission.compile.loader import load
     from swarm_ctl.report.folder.manifest import read_manifest
     from swarm_ctl.runtime.flying_runs import flying_run
     from swarm_ctl.runtime.protection import Keys
@@ -116,11 +117,11 @@ def station(
     else:
         if truth is not None and runs is None:
             raise InputError(f"--truth {truth} without a run; allowed: together with --runs FOLDER")
-        loaded = load(mission, fleet=fleet)
-        guarded = open_mesh or bool(identity or loaded.fleet.trust)
+        plan, entries = plan_and_fleet(mission, fleet)
+        guarded = open_mesh or bool(identity or entries.trust)
         own = zenoh_settings(zenoh_config, guarded=guarded)
         keys = Keys(identity, open_mesh, str(fleet or mission), own)
-        swarm = SwarmMesh(loaded, mesh or [], speedup or 1.0, keys)
+        swarm = SwarmMesh(plan, entries, mission, mesh or [], speedup or 1.0, keys)
         if runs is None:
             join_swarm(swarm, show, ports)
         else:

@@ -145,6 +145,15 @@ class AgentPlan:
 
 
 @dataclass(frozen=True, slots=True)
+class ShapePlan:
+    """A shape of the mission with a slot for each agent: (north, east) offsets in units, not yet
+    dealt to them."""
+
+    name: str
+    slots: tuple[Point, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class GroupPlan:
     """Agents, sorted by id, that fly the same steps: with a barrier, a shape, a frame, a graph and
     roles of their own."""
@@ -161,8 +170,8 @@ class GroupPlan:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A whole mission, checked. `agents` is sorted by id; `prepare_timeout_s` bounds the wait for a
-    healthy vehicle."""
+    """A whole mission, checked. `agents` is sorted by id; `shapes`, by name, are those that may be
+    ordered in flight; `prepare_timeout_s` bounds the wait for a healthy vehicle."""
 
     name: str
     origin: Geodetic
@@ -176,6 +185,7 @@ class Plan:
     policies: Policies
     prepare_timeout_s: float
     agents: tuple[AgentPlan, ...]
+    shapes: tuple[ShapePlan, ...]
     steps: tuple[AnyStep, ...]
     fence: Fence | None
     safety: Safety

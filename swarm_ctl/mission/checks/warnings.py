@@ -17,6 +17,7 @@ from swarm_ctl.core.swarm.radio import LEAST_HZ, budget
 from swarm_ctl.mission.checks import envelope
 from swarm_ctl.mission.fleet.build_fleet import fleet_of
 from swarm_ctl.mission.fleet.exposure import exposures
+from swarm_ctl.mission.geometry.shapes import slot_count
 from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import ROUNDING, Findings
 from swarm_ctl.mission.input.units import said
@@ -307,11 +308,15 @@ def _unknown_wind(mission: MissionFile, plan: Plan) -> Findings:
         yield Mistake(("policies", max(stated)), what, "")
 
 
-def _unused_shapes(mission: MissionFile, _plan: Plan) -> Findings:
+def _unused_shapes(mission: MissionFile, plan: Plan) -> Findings:
     used = {step.body.shape_formed for step in mission.steps if step.body}
-    for name in mission.shapes:
+    agents, ordered = len(plan.agents), {shape.name for shape in plan.shapes}
+    for name, shape in mission.shapes.items():
         if name not in used:
-            yield Mistake(("shapes", name), "no step forms it", "")
+            have = slot_count(shape, agents)
+            unfit = f", and no order can: it has {have} slots for {agents} agents"
+            what = f"no step forms it{'' if name in ordered else unfit}"
+            yield Mistake(("shapes", name), what, "")
 
 
 _WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (

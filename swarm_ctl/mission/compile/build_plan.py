@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from swarm_ctl import slot_assignment
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.model import plan
 from swarm_ctl.core.model.plan import Compensation, Plan, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.table import AnyStep
+from swarm_ctl.mission.geometry.shapes import slot_count, slots_of
 from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.sections.mission_sections import SafetySection
 from swarm_ctl.mission.steps.table import KINDS
@@ -49,6 +51,7 @@ def plan_of(mission: MissionFile) -> Plan:
         policies=mission.policies.at_speed(limits.speed_mps),
         prepare_timeout_s=mission.prepare_timeout_s,
         agents=tuple(plan.AgentPlan(i, start, near[i]) for i, start in starts.items()),
+        shapes=_shapes(mission),
         steps=steps,
         fence=_fence(mission, list(starts.values()), steps),
         safety=safety,
@@ -95,6 +98,16 @@ def _box(start: PlannedFormation, steps: tuple[AnyStep, ...]) -> tuple[Point, ..
     low = np.floor(extent.min(axis=0) - _FENCE_MARGIN_M).tolist()
     high = np.ceil(extent.max(axis=0) + _FENCE_MARGIN_M).tolist()
     return ((low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]))
+
+
+def _shapes(mission: MissionFile) -> tuple[plan.ShapePlan, ...]:
+    """Those with a slot for each agent; a warning tells the others."""
+    count = len(mission.agents)
+    return tuple(
+        plan.ShapePlan(name, slot_assignment.rounded(slots_of(shape, count)))
+        for name, shape in sorted(mission.shapes.items())
+        if slot_count(shape, count) == count
+    )
 
 
 def _steps(mission: MissionFile, start: PlannedFormation) -> tuple[AnyStep, ...]:

@@ -30,7 +30,6 @@ from swarm_ctl.mission.input.document import Document
 from swarm_ctl.mission.input.near_matches import nearest
 from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.sections.section import Section
-from swarm_ctl.mission.sections.shape_sections import Shape
 
 
 @dataclass(frozen=True)
@@ -44,8 +43,6 @@ class LoadedMission:
     """What was written, defaults filled in."""
     document: Document
     """Says where in the file each value stands."""
-    shapes: Mapping[str, Shape]
-    """The file's, lengths in units."""
     warnings: tuple[str, ...] = ()
     """What is allowed but worth a second look, each with file, line and field."""
 
@@ -96,7 +93,6 @@ def _build(
         source=path,
         file=written,
         document=source,
-        shapes=written.in_units().shapes,
         warnings=tuple(f"{each.where}: {each.field}: {each.what}" for each in noted),
     )
 

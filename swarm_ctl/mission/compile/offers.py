@@ -14,7 +14,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.plan_file import PlanFile, plan_from_json, plan_to_json
 
 PACKED_BYTES: Final = 120 * 1024
-"""Of an offer on the mesh. The plan of a hundred agents takes 4 KB, and zenoh puts no message
+"""Of an offer on the mesh. The plan of a hundred agents takes 5 KB, and zenoh puts no message
 together that is longer than 128 KB."""
 _UNPACKED_BYTES: Final = 4_000_000
 """A small offer may hold a text of any length."""

@@ -22,7 +22,7 @@ from swarm_ctl.core.model.plan import Plan, fingerprint_of
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.files import read_bytes
 from swarm_ctl.mission.input.document import Document
-from swarm_ctl.mission.input.error_messages import problem_of
+from swarm_ctl.mission.input.error_messages import problem_of, show
 
 _MOST_BYTES: Final = 32_000_000
 """The largest mission's plan, and room."""
@@ -44,7 +44,8 @@ class PlanAndFleet(BaseModel):
         defer_build=True,  # a run needs its manifest alone
     )
 
-    schema_version: Literal[1] = 1
+    schema_version: Literal[2] = 2
+    """In 1, the plan had no shapes."""
     plan: Plan
     plan_hash: str = Field(pattern=r"^[0-9a-f]{16}$")
     """`Plan.fingerprint`: hexadecimal, because many JSON readers lose a 64-bit integer's last
@@ -152,10 +153,14 @@ def plan_from_json(text: str | bytes, name: str = "plan") -> PlanFile:
             )
         if each["type"] == "value_error" and not each["loc"]:
             raise InputError(f"{name}: {each['ctx']['error']}")
-    # Of another version, other fields may be right: only the version is told.
-    version = [each for each in mistakes if each["loc"] == ("schema_version",)]
     document, schema = Document(name, data), PlanFile.model_json_schema()
-    told = (version or mistakes)[:_MOST_PROBLEMS]
+    # Of another version, other fields may be right: only the version is told.
+    for each in mistakes:
+        if each["loc"] == ("schema_version",) and each["type"] == "literal_error":
+            what = f"{show(each['input'])} is of another version of swarm-ctl"
+            allowed = f"{each['ctx']['expected']}, in a file that `swarm-ctl plan` makes anew"
+            raise MissionError((document.problem(each["loc"], what, allowed),))
+    told = mistakes[:_MOST_PROBLEMS]
     raise MissionError(tuple(problem_of(dict(each), document, schema) for each in told))
 
 

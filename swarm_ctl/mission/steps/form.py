@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-import numpy as np
 from pydantic import Field
 
+from swarm_ctl import slot_assignment
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.model.plan import Compensation, Plan
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.form import FormStep
-from swarm_ctl.mission.geometry import slot_assignment
 from swarm_ctl.mission.geometry.shapes import slots_of
 from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import Findings, bad_links, named_parts
@@ -82,9 +81,7 @@ class Form(StepKind[FormSection, FormStep]):
             exchange = written.slots == "nearest" and flies_stop_points
         return FormStep(
             shape=written.shape,
-            # Rounded (and -0 made 0) so that the plan's hash does not hang on a machine's last
-            # bits.
-            slots=tuple((float(north), float(east)) for north, east in np.round(slots, 9) + 0.0),
+            slots=slot_assignment.rounded(slots),
             tolerance_m=written.tolerance_m,
             settle_s=written.settle_s,
             timeout_s=written.timeout_s,

@@ -81,10 +81,17 @@ def read_model(path: Path, kind: type[_Model]) -> _Model:
 
 
 def explained(error: ValidationError) -> str:
-    """The first few of pydantic's errors on one line."""
+    """The first few of pydantic's errors on one line; of a file of another version, that alone."""
+    errors = error.errors()
+    for found in errors:
+        if found["loc"] == ("schema_version",) and found["type"] == "literal_error":
+            return escaped(
+                f"schema_version: {found['input']!r} is of another version of swarm-ctl; allowed:"
+                f" {found['ctx']['expected']}, or the swarm-ctl that wrote it"
+            )
     return first_few(
         escaped(f"{'.'.join(map(str, found['loc'])) or 'document'}: {found['msg']}")
-        for found in error.errors()
+        for found in errors
     )
 
 

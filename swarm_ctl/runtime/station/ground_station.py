@@ -8,7 +8,6 @@ import uuid
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Final, Protocol
 
 from swarm_ctl.commands.build import AgentNow, SwarmNow, build
@@ -31,7 +30,6 @@ from swarm_ctl.mesh.access import station_name
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_config import MeshPart
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
-from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.rim import Rim
 from swarm_ctl.runtime.clock import Clock
@@ -109,13 +107,12 @@ def open_node(
 
 
 class Station:
-    """One ground station on one mesh, under its node's name. `mission` is the file that has the
-    shapes; `memory` gets what the agents say of their vehicles' own parameters."""
+    """One ground station on one mesh, under its node's name. `memory` gets what the agents say of
+    their vehicles' own parameters."""
 
     def __init__(
         self,
         plan: Plan,
-        mission: LoadedMission | Path,
         node: Node,
         clock: Clock | MeshClock | AnyClock,
         recorder: RunRecorder | LiveRecorder | None = None,
@@ -123,7 +120,6 @@ class Station:
         protection: Protection = LOCAL,
     ) -> None:
         self.plan = plan
-        self._mission = mission
         self._node = node
         self._clock = clock
         self._recorder = recorder
@@ -187,7 +183,7 @@ class Station:
         swarm = self._views.run(lambda: swarm_now(self._model.view(now)))
         if swarm is None:
             swarm = self._unseen(order, now)
-        command = build(order, swarm, self._mission)
+        command = build(order, swarm)
         if name:
             command = replace(command, id=name)
         return self._sender.send(command, now, swarm.meant(order))

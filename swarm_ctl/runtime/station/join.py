@@ -9,9 +9,10 @@ from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Final
 
+from swarm_ctl.core.model.fleet import Fleet
+from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh.zenoh_config import part_in
-from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.mission.compile.offers import pack
 from swarm_ctl.mission.fleet.exposure import leaves_loopback, refuse_exposed
 from swarm_ctl.report.folder.last_statuses import read_commands, read_events
@@ -48,7 +49,7 @@ def join_run(folder: Path, show: Show, ports: ServedPorts, keys: Keys = NO_KEYS)
         manifest.swarm, manifest.whole_mesh, clock, identity=identity, part=part, plan=plan, own=own
     )
     with closing(mesh) as node:
-        station = Station(manifest.plan, Path(manifest.mission), node, clock, protection=seen)
+        station = Station(manifest.plan, node, clock, protection=seen)
         notes: list[str] = []
         station.recall(read_events(folder, notes))
         station.recall(read_commands(folder, notes))
@@ -60,42 +61,48 @@ def join_run(folder: Path, show: Show, ports: ServedPorts, keys: Keys = NO_KEYS)
 
 
 class SwarmMesh:
-    """A swarm on other hosts: its mission, where it is on the mesh, and how this station joins it.
+    """A swarm on other hosts: its plan, where it is on the mesh, and how this station joins it.
 
     Args:
-        mission: the file that the agents fly.
+        plan: what the agents fly.
+        fleet: with these vehicles.
+        source: the file that has both.
         mesh: where agents listen, such as `tcp/10.0.0.5:7447`; empty: as the mission's fleet says.
         speedup: that of a simulated swarm.
         keys: those of the command line.
     """
 
     def __init__(
-        self, mission: LoadedMission, mesh: Sequence[str], speedup: float, keys: Keys = NO_KEYS
+        self,
+        plan: Plan,
+        fleet: Fleet,
+        source: Path,
+        mesh: Sequence[str],
+        speedup: float,
+        keys: Keys = NO_KEYS,
     ) -> None:
-        self.mission, self.zenoh = mission, keys.zenoh
-        self.connect, self.clock = _endpoints(mission, mesh), MeshClock(speedup)
-        self.identity = station_identity(mission.fleet.trust, keys.identity)
+        self.plan, self.fleet, self.source, self.zenoh = plan, fleet, source, keys.zenoh
+        self.connect, self.clock = _endpoints(fleet, source, mesh), MeshClock(speedup)
+        self.identity = station_identity(fleet.trust, keys.identity)
         is_open = self.identity is None and any(map(leaves_loopback, self.connect))
         if is_open and not keys.open_mesh:
             refuse_exposed([f"the mesh is at {', '.join(self.connect)}"], keys.fleet_file)
-        self.protection = protection(self.identity, mission.fleet.signing, is_open=is_open)
+        self.protection = protection(self.identity, fleet.signing, is_open=is_open)
         self.hint = _Hint(self.clock, self.connect, self.identity)
 
 
 @contextmanager
 def open_swarm(swarm: SwarmMesh) -> Iterator[Station]:
     """A station on the swarm's mesh."""
-    mission, plan = swarm.mission, swarm.mission.plan
-    identity, fleet = swarm.identity, mission.fleet
+    plan, fleet, identity = swarm.plan, swarm.fleet, swarm.identity
     part = part_in(plan, fleet.routers)
     offer = pack(plan, fleet.agents, fleet.signing)
     ways = plan.name, swarm.connect, swarm.clock
     mesh = open_node(*ways, identity=identity, part=part, plan=offer, own=swarm.zenoh)
     with closing(mesh) as node:
-        endpoints = {agent.id: agent.endpoint for agent in mission.fleet.agents}
+        endpoints = {agent.id: agent.endpoint for agent in fleet.agents}
         memory = SwarmMemory(VehicleMemory(state_folder()), plan.name, endpoints)
-        source, seen = mission.source, swarm.protection
-        yield Station(plan, source, node, swarm.clock, memory=memory, protection=seen)
+        yield Station(plan, node, swarm.clock, memory=memory, protection=swarm.protection)
 
 
 def join_swarm(swarm: SwarmMesh, show: Show, ports: ServedPorts) -> None:
@@ -153,7 +160,7 @@ class _Hint:
         return f"no agent is heard at {self._where}; {f'{why}.' if why else asked} Trying on"
 
 
-def _endpoints(mission: LoadedMission, given: Sequence[str]) -> list[str]:
+def _endpoints(fleet: Fleet, source: Path, given: Sequence[str]) -> list[str]:
     """Where the agents listen on the mesh: as given, or as the fleet says."""
     for endpoint in given:
         match = _ENDPOINT.fullmatch(endpoint)
@@ -162,11 +169,11 @@ def _endpoints(mission: LoadedMission, given: Sequence[str]) -> list[str]:
                 f"--mesh {endpoint}: no endpoint of the mesh; allowed: tcp/HOST:PORT, as in"
                 " tcp/10.0.0.5:7447"
             )
-    agents = mission.fleet.agents
-    found = list(given) or list(dict.fromkeys(at for a in agents if (at := a.router or a.mesh)))
+    named = (at for agent in fleet.agents if (at := agent.router or agent.mesh))
+    found = list(given) or list(dict.fromkeys(named))
     if not found:
         raise InputError(
-            f"{mission.source}: its fleet does not say where agents listen (`mesh`);"
+            f"{source}: its fleet does not say where agents listen (`mesh`);"
             " name each agent's endpoint with --mesh tcp/HOST:PORT, or a fleet file with --fleet"
         )
     return found

@@ -166,9 +166,8 @@ class _Flight:
         return all_heard or wall.wall_s() - self._heard_wall_s > _SETTLES_WALL_S
 
     def _record(self, station: Station, screen: Screen) -> None:
-        mission, clock = self._swarm.mission, self._swarm.clock
-        folder = make_folder(self._runs, mission.plan.name)
-        manifest = _manifest(self._swarm, clock)
+        folder = make_folder(self._runs, self._swarm.plan.name)
+        manifest = _manifest(self._swarm, self._swarm.clock)
         write_manifest(folder, manifest)
         self._manifest = manifest
         mcap = run_mcap(folder, manifest, station.name, self._live)
@@ -205,22 +204,22 @@ def _has_ended(agent: AgentView) -> bool:
 
 
 def _manifest(swarm: SwarmMesh, clock: MeshClock) -> Manifest:
-    mission, now_s = swarm.mission, clock.now()
-    trust, identity = mission.fleet.trust, swarm.identity
+    plan, fleet, now_s = swarm.plan, swarm.fleet, clock.now()
+    trust, identity = fleet.trust, swarm.identity
     return Manifest(
-        mission=str(mission.source),
-        swarm=mission.plan.name,
+        mission=str(swarm.source),
+        swarm=plan.name,
         started_at=wall.date_and_time(now_s / clock.speedup),
         speedup=clock.speedup,
         epoch_s=wall.wall_s() - now_s / clock.speedup,
         headless=True,
-        plan=mission.plan,
-        plan_hash=mission.plan.fingerprint(),
-        fleet=mission.fleet.agents,
+        plan=plan,
+        plan_hash=plan.fingerprint(),
+        fleet=fleet.agents,
         simulated=(),
         elsewhere=True,
         trust=None if trust is None else str(Path(trust).absolute()),
-        signing=mission.fleet.signing,
+        signing=fleet.signing,
         identity=None if identity is None else str(identity.folder.absolute()),
         open_mesh=swarm.protection.mesh is MeshKind.OPEN,
         versions=package_versions(),

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import IndexedRecording, recover
 from swarm_ctl.recording.mcap_reader import is_whole
+from swarm_ctl.report.folder.files import explained
 from swarm_ctl.report.folder.manifest import Manifest
 from swarm_ctl.rim import Rim
 from swarm_ctl.runtime import clock as wall
@@ -68,9 +69,8 @@ def _manifest(run: Path, tape: IndexedRecording) -> Manifest:
     try:
         return Manifest.model_validate_json(tape.about.get("manifest", ""))
     except ValidationError as error:
-        (problem, *_) = error.errors(include_url=False)
         raise InputError(
-            f"{run}: the recording does not say what was flown: {problem['msg']}"
+            f"{run}: the recording does not say what was flown: {explained(error)}"
         ) from None
 
 

@@ -64,7 +64,7 @@ class RunClient:
             part=part_in(manifest.plan, manifest.routers),
             own=manifest.zenoh if zenoh is None else zenoh,
         )
-        self._station = Station(manifest.plan, Path(manifest.mission), self._node, clock)
+        self._station = Station(manifest.plan, self._node, clock)
         if seat is not None:
             seat.join(TEST, swarm, self._node.name)
             self.turn()

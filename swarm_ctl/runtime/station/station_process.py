@@ -73,7 +73,6 @@ def run_station(
         memory = SwarmMemory(VehicleMemory(state_folder()), folder.name, endpoints, folder)
         station = Station(
             plan=manifest.plan,
-            mission=Path(manifest.mission),
             node=node,
             clock=clock,
             recorder=recorder,

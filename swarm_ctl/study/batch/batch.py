@@ -17,8 +17,8 @@ from swarm_ctl.core.law.formation import centred
 from swarm_ctl.core.model.arrays import Bools, Floats, Indices, Ints
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.geometry.shapes import slots_of
-from swarm_ctl.mission.geometry.slot_assignment import nearest
 from swarm_ctl.mission.sections import shape_sections
+from swarm_ctl.slot_assignment import nearest
 from swarm_ctl.study.parameter_space import (
     AGENT_RANGES,
     FIRST_RANGES,

@@ -10,17 +10,19 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl.commands.build import AgentNow, SwarmNow, build
-from swarm_ctl.commands.parse import Order
+from swarm_ctl.commands.parse import Order, complete
 from swarm_ctl.core.model.plan import Fence
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.swarm.gain_update import LEAD_S, planned
 from swarm_ctl.errors import InputError
-from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.mission.compile.loader import loads
+from swarm_ctl.mission.compile.plan_file import plan_from_json, plan_to_json
 from tests.unit.station.swarm import hexagon_plan
 
 PLAN = hexagon_plan()
-HEXAGON = Path(__file__).parents[3] / "missions" / "hexagon.yaml"
+MISSIONS = sorted((Path(__file__).parents[3] / "missions").glob("*.yaml"))
+SPARE = "{kind: line, spacing: 20}"
 LAW = planned(PLAN)
 AGENTS = tuple(AgentNow(k, (10.0 * k, 5.0), gains=LAW) for k in range(1, 7))
 SWARM = SwarmNow(PLAN, 40.0, 3, AGENTS)
@@ -35,23 +37,43 @@ def with_agent(agent_id: int, **changes: object) -> SwarmNow:
 @pytest.mark.parametrize("kind", ["hold", "resume", "next", "land", "return", "kill"])
 def test_a_bare_command(kind: str) -> None:
     """Only `next` says which step it is to end."""
-    command = build(Order(kind, (), (2, 4)), SWARM, HEXAGON)
+    command = build(Order(kind, (), (2, 4)), SWARM)
     assert (command.kind, command.agents, command.time_s) == (kind, (2, 4), 40.0)
     assert command.at_step == (3 if kind == "next" else 0)
     assert (command.step, command.tuning, command.plan_hash) == (None, None, 0)
 
 
 def test_each_command_has_an_id_of_its_own() -> None:
-    assert len({build(Order("hold"), SWARM, HEXAGON).id for _ in range(100)}) == 100
+    assert len({build(Order("hold"), SWARM).id for _ in range(100)}) == 100
 
 
 def test_form_has_a_slot_for_each_agent() -> None:
-    """From the file or from a loaded mission alike; for this plan only."""
-    command = build(Order("form", ("hexagon",)), SWARM, HEXAGON)
+    """For this plan only."""
+    command = build(Order("form", ("hexagon",)), SWARM)
     assert isinstance(command.step, FormStep)
     assert len(command.step.slots) == len(PLAN.agents)
     assert command.plan_hash == PLAN.hash()
-    assert build(Order("form", ("hexagon",)), SWARM, load(HEXAGON)).step == command.step
+
+
+@pytest.mark.parametrize("mission", MISSIONS, ids=lambda path: path.stem)
+def test_a_plan_file_is_enough_to_order_each_shape_of_its_mission(mission: Path) -> None:
+    """Also one that no step forms; one without a slot for each agent is none of the plan's."""
+    text = mission.read_text().replace(
+        "shapes:\n", f"shapes:\n  spare: {SPARE}\n  few: {SPARE.replace('}', ', count: 1}')}\n"
+    )
+    loaded = loads(text, str(mission))
+    plan = plan_from_json(plan_to_json(loaded.plan, loaded.fleet)).plan
+    names = sorted(loaded.file.shapes.keys() - {"few"})
+    assert "spare" in names
+    assert complete("form ", plan) == [f"form {name}" for name in names]
+    agents = tuple(AgentNow(agent.id, agent.start) for agent in plan.agents)
+    swarm = SwarmNow(replace(plan, fence=None), 40.0, 3, agents)
+    for shape in plan.shapes:
+        step = build(Order("form", (shape.name,)), swarm).step
+        assert isinstance(step, FormStep)
+        assert sorted(step.slots) == sorted(shape.slots)
+    with pytest.raises(InputError, match=f"no shape 'few' .*; allowed: {', '.join(names)}"):
+        build(Order("form", ("few",)), swarm)
 
 
 @pytest.mark.parametrize(
@@ -64,7 +86,7 @@ def test_form_has_a_slot_for_each_agent() -> None:
 )
 def test_move(order: Order, point: tuple[float, float], speed: float) -> None:
     """To a point, or by so much from the centre of all stop points, (35, 5)."""
-    step = build(order, SWARM, HEXAGON).step
+    step = build(order, SWARM).step
     assert isinstance(step, MoveStep)
     assert (step.waypoints_m, step.speed_mps) == ((pytest.approx(point),), speed)
 
@@ -73,13 +95,13 @@ def test_tune_asks_every_agent_that_flies() -> None:
     """For a time that leaves room for the answers; with how far clocks are ahead."""
     swarm = with_agent(2, flies=False)
     swarm = replace(swarm, agents=(replace(AGENTS[0], clock_ahead_s=0.5), *swarm.agents[1:]))
-    command = build(Order("tune", ("h=0.04",)), swarm, HEXAGON)
+    command = build(Order("tune", ("h=0.04",)), swarm)
     assert command.agents == (1, 3, 4, 5, 6)
     assert command.tuning is not None
     assert command.tuning.gains == replace(LAW, h=0.04)
     assert command.tuning.at_s == 40.0 + LEAD_S
     assert command.tuning.ahead_s == ((1, 0.5),)
-    fast = build(Order("tune", ("plan",)), replace(swarm, speedup=10.0), HEXAGON)
+    fast = build(Order("tune", ("plan",)), replace(swarm, speedup=10.0))
     assert fast.tuning is not None
     assert fast.tuning.at_s == 40.0 + 10.0 * LEAD_S
 
@@ -87,8 +109,8 @@ def test_tune_asks_every_agent_that_flies() -> None:
 def test_agents_with_different_laws_need_all_values() -> None:
     swarm = with_agent(3, gains=replace(LAW, h=0.03))
     with pytest.raises(InputError, match="agents fly different laws; name all of"):
-        build(Order("tune", ("h=0.04",)), swarm, HEXAGON)
-    assert build(Order("tune", ("plan",)), swarm, HEXAGON).tuning is not None
+        build(Order("tune", ("h=0.04",)), swarm)
+    assert build(Order("tune", ("plan",)), swarm).tuning is not None
 
 
 @pytest.mark.parametrize(
@@ -109,7 +131,7 @@ def test_agents_with_different_laws_need_all_values() -> None:
 )
 def test_refusals_say_what_is_allowed(order: Order, swarm: SwarmNow, why: str) -> None:
     with pytest.raises(InputError, match=re.escape(why)):
-        build(order, swarm, HEXAGON)
+        build(order, swarm)
 
 
 def test_orders_are_for_the_formation() -> None:
@@ -120,22 +142,22 @@ def test_orders_are_for_the_formation() -> None:
     assert gone.meant(Order("land")) == (1, 2, 4, 5, 6)
     assert with_agent(3, left=True).meant(Order("land")) == (1, 2, 3, 4, 5, 6)
     assert gone.meant(Order("hold", (), (3,))) == (3,)
-    whole, without = (build(Order("form", ("hexagon",)), s, HEXAGON).step for s in (SWARM, gone))
+    whole, without = (build(Order("form", ("hexagon",)), s).step for s in (SWARM, gone))
     assert isinstance(whole, FormStep)
     assert isinstance(without, FormStep)
     assert sorted(without.slots) == sorted(whole.slots)
-    assert build(Order("move", ("1", "2"), by=True), gone, HEXAGON).step is not None
+    assert build(Order("move", ("1", "2"), by=True), gone).step is not None
 
 
 def test_a_move_or_shape_that_brings_any_agent_out_of_the_fence_is_refused() -> None:
     """The centre alone would be inside."""
     fence = Fence(((-200.0, -200.0), (-200.0, 80.0), (200.0, 80.0), (200.0, -200.0)), 120.0)
     near = replace(SWARM, plan=replace(PLAN, fence=fence))
-    build(Order("move", ("0", "0")), near, HEXAGON)
+    build(Order("move", ("0", "0")), near)
     with pytest.raises(InputError, match=r"move: agent [1-6] would be outside the geofence"):
-        build(Order("move", ("185", "0")), near, HEXAGON)
+        build(Order("move", ("185", "0")), near)
     small = replace(fence, polygon_m=((-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (1.0, -1.0)))
     with pytest.raises(
         InputError, match=r"form hexagon: agent [1-6] would be outside the geofence"
     ):
-        build(Order("form", ("hexagon",)), replace(SWARM, plan=replace(PLAN, fence=small)), HEXAGON)
+        build(Order("form", ("hexagon",)), replace(SWARM, plan=replace(PLAN, fence=small)))

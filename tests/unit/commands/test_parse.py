@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from swarm_ctl.commands.parse import BY_NAME, KINDS, Order, complete, parse
 from swarm_ctl.core.agent import command_handler
-from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.plan import ShapePlan
 from swarm_ctl.errors import InputError
 from tests.unit.station.swarm import hexagon_plan
 
@@ -55,7 +55,7 @@ def test_orders(line: str, marked: tuple[int, ...], order: Order) -> None:
         ("fly", "no command 'fly'; allowed"),
         ("land now", "@now names no agents; allowed: @all, @1,3-5"),
         ("land @1 now", "land takes nothing but agents, not 'now'; e.g. land @1,3-5"),
-        ("form", "usage: form SHAPE; this mission flies hexagon"),
+        ("form", "usage: form SHAPE; this mission has hexagon"),
         ("form two shapes", "usage: form SHAPE"),
         ("move 1", "usage: move NORTH EAST"),
         ("move a b", "usage: move NORTH EAST"),
@@ -128,8 +128,7 @@ def test_completion_knows_the_arguments_of_each_command_alone() -> None:
 
 def test_f_l_tab_is_form_line() -> None:
     """Which once landed seven."""
-    (form,) = (step for step in PLAN.steps if isinstance(step, FormStep))
-    plan = replace(PLAN, steps=(*PLAN.steps, replace(form, shape="line")))
+    plan = replace(PLAN, shapes=(*PLAN.shapes, ShapePlan("line", PLAN.shapes[0].slots)))
     assert complete("form l", plan) == ["form line"]
     assert complete("form ", plan) == ["form hexagon", "form line"]
 

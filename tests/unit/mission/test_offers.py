@@ -124,7 +124,7 @@ def edited(change: Callable[[str], str]) -> bytes:
         (offer()[:-30], "is torn"),
         (gzip.compress(bytes(100_000_000)), "is torn, or longer than 4 MB"),
         (gzip.compress(b"{"), "not JSON"),
-        (gzip.compress(json.dumps({"schema_version": 2}).encode()), "schema_version"),
+        (gzip.compress(json.dumps({"schema_version": 1}).encode()), "schema_version"),
         (edited(lambda text: text.replace('"unit_m": ', '"unit_m": 1')), "it was changed after"),
         (edited(lambda text: text.replace('"fleet"', '"fleets"')), "fleets"),
         (offer(replace(PLAN, name="other")), f"has other@.*, not {wanted()}"),

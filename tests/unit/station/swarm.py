@@ -31,6 +31,7 @@ from swarm_ctl.core.model.plan import (
     Policies,
     Response,
     Safety,
+    ShapePlan,
 )
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.hold import HoldStep
@@ -72,6 +73,7 @@ def hexagon_plan(count: int = 6) -> Plan:
         policies=Policies(agent_lost_after_s=3.0),
         prepare_timeout_s=60.0,
         agents=tuple(AgentPlan(i, start, graph[i]) for i, start in starts.items()),
+        shapes=(ShapePlan("hexagon", slots),),
         steps=(
             TakeoffStep(10.0, 60.0),
             FormStep("hexagon", slots, 0.5, 5.0, 120.0),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -182,7 +181,7 @@ def test_a_beacon_that_comes_back_tells_the_agent_s_clock() -> None:
     assert view.agent(1).link.clock_ahead_s == 0.0
     assert view.agent(2).link.clock_ahead_s == pytest.approx(-50.0, abs=0.04)
     assert view.agent(2).link.age_s == pytest.approx(0.1, abs=0.04)
-    command = build(Order("tune", ("plan",)), swarm_now(view), Path())
+    command = build(Order("tune", ("plan",)), swarm_now(view))
     assert command.tuning is not None
     assert command.tuning.at_s == pytest.approx(40.3 + LEAD_S)
     assert command.tuning.ahead_s == ((2, pytest.approx(-50.0, abs=0.04)),)
@@ -262,7 +261,7 @@ def test_an_order_that_is_flown_stands_in_place_of_the_step() -> None:
     model = flying_model(PLAN)
     view = model.view(30.0)
     assert {flown_order(agent, view) for agent in view.agents} == {""}
-    command = build(Order("move", ("20", "-5")), swarm_now(view), Path())
+    command = build(Order("move", ("20", "-5")), swarm_now(view))
     model.fold(command, 30.0)
     for agent in PLAN.agents:
         model.fold(state_of(PLAN, agent.id, 30.0, seq=2000, override=command.tag), 30.01)

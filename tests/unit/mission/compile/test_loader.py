@@ -175,6 +175,7 @@ CHANGES = {
     "{id: 1, start": "{id: 4, start",
     "[0, 3]": "[0, 3.1]",
     "side: 2": "side: 2.1",
+    "  row:\n": "  spare: {kind: line, spacing: 3}\n  row:\n",
     "count: 3": "count: 3, rotation_deg: 10",
     "{kind: ring, count: 3, side: 2}": "{kind: column, spacing: 2}",
     "height_m: 10": "height_m: 11",
@@ -424,6 +425,11 @@ def test_unreadable_fleet_files(
         ),
         (("  kappa: 20", "  kappa: 20\n  h: 0.3"), 11, "law.h: kappa * h [1/s] is 6, outside"),
         (("shape: row", "shape: ring"), 17, "shapes.row: no step forms it"),
+        (
+            ("  row:", "  pair: {kind: line, spacing: 3, count: 2}\n  row:"),
+            17,
+            "shapes.pair: no step forms it, and no order can: it has 2 slots for 3 agents",
+        ),
         (
             ("  agent_lost: land", "  wind_limit_mps: 8"),
             30,

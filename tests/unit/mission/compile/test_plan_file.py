@@ -92,8 +92,9 @@ def test_an_unknown_field_is_refused_wherever_it_stands() -> None:
     text = plan_to_json(PLAN, FLEET)
     places = _places(json.loads(text))
     agents = len(PLAN.agents)
-    # document, plan, its sections, agents, steps, and the fleet's entries with their responses
-    assert len(places) == 2 + 6 + agents + len(PLAN.steps) + 2 * agents
+    # document, plan, its sections, agents, lists, and the fleet's entries with their responses
+    lists = len(PLAN.shapes) + len(PLAN.steps)
+    assert len(places) == 2 + 6 + agents + lists + 2 * agents
     for place in places:
         data = json.loads(text)
         inner = data
@@ -117,7 +118,10 @@ def test_a_missing_or_mistyped_field_is_refused(field: str) -> None:
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"schema_version": 2, "plan": {}}, "plan: schema_version: 2 is not allowed; allowed: 1"),
+        (
+            {"schema_version": 1, "plan": {}},
+            "1 is of another version of swarm-ctl; allowed: 2, in a file that `swarm-ctl plan`",
+        ),
         ({"plan_hash": "0" * 16}, "plan: plan_hash is 0000000000000000, the plan's is "),
         ({"fleet": []}, "allowed: one entry in the fleet for each of 1, 2, 3, 4, 5, 6"),
         ({"plan_hash": 7}, "plan: plan_hash: 7 is a number; allowed: text"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -46,11 +47,26 @@ def test_fleet_and_plan_must_fit(change: Any, words: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "change", [{"speedup": 0.0}, {"started_at": "yesterday"}, {"surplus": 1}, {"schema_version": 2}]
+    "change", [{"speedup": 0.0}, {"started_at": "yesterday"}, {"surplus": 1}, {"schema_version": 1}]
 )
 def test_a_mistaken_manifest_is_refused(change: dict[str, Any]) -> None:
     with pytest.raises(ValidationError, match=next(iter(change))):
         manifest(**change)
+
+
+def test_a_run_of_another_version_is_told_by_that_alone(tmp_path: Path) -> None:
+    """Other fields may be right there: the plan of version 1 had no shapes."""
+    write_manifest(tmp_path, manifest())
+    path = tmp_path / "run.json"
+    told = json.loads(path.read_text())
+    del told["plan"]["shapes"]
+    path.write_text(json.dumps(told | {"schema_version": 1}))
+    with pytest.raises(InputError) as caught:
+        read_manifest(tmp_path)
+    assert str(caught.value) == (
+        f"{path}: schema_version: 1 is of another version of swarm-ctl; allowed: 2, or the"
+        " swarm-ctl that wrote it"
+    )
 
 
 def test_the_manifest_is_refused_at_every_torn_length(tmp_path: Path) -> None:

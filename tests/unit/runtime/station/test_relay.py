@@ -187,7 +187,7 @@ def test_the_station_beacons_and_records_while_its_output_is_blocked(
     agent.listen(keys.BEACON)
     recorder = RunRecorder(tmp_path, run_mcap(tmp_path, made, "station"))
     node = Node(MemoryTransport(hub), "swarm", "station")
-    station = Station(PLAN, Path("missions/hexagon.yaml"), node, clock, recorder)
+    station = Station(PLAN, node, clock, recorder)
     orders, control = os.pipe()
 
     def watch(screen: Screen) -> None:

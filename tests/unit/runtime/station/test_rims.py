@@ -108,7 +108,7 @@ def test_an_error_in_what_shows_leaves_beacons_and_commands(
     plug = measure if part == "metrics" else plugged(monkeypatch, PARTS[part], share)
     recorder = RunRecorder(tmp_path, run_mcap(tmp_path, made, "station"))
     node = Node(MemoryTransport(hub), "swarm", "station")
-    station = Station(PLAN, Path("missions/hexagon.yaml"), node, clock, recorder)
+    station = Station(PLAN, node, clock, recorder)
     orders, control = os.pipe()
     read, write = os.pipe()
     failed: list[BaseException] = []

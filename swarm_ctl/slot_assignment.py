@@ -8,8 +8,15 @@ import numpy as np
 import numpy.typing as npt
 
 from swarm_ctl.core.law.formation import centred
+from swarm_ctl.core.model.geometry import Point
 
 Array: TypeAlias = npt.NDArray[np.float64]
+
+
+def rounded(slots: npt.NDArray[np.float64]) -> tuple[Point, ...]:
+    """Slots (n, 2) as they stand in plans and commands: no hash hangs on a machine's last bits, and
+    -0.0 is 0.0."""
+    return tuple((north, east) for north, east in (np.round(slots, 9) + 0.0).tolist())
 
 
 def nearest(points: npt.ArrayLike, slots: npt.ArrayLike) -> Array:

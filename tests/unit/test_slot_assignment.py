@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from swarm_ctl.core.law.formation import centred
 from swarm_ctl.core.model.arrays import Floats
-from swarm_ctl.mission.geometry.slot_assignment import nearest
+from swarm_ctl.slot_assignment import nearest
 
 count = st.shared(st.integers(1, 6), key="n")
 points = count.flatmap(lambda n: arrays(np.float64, (n, 2), elements=st.floats(-100, 100)))
