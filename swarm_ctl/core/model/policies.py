@@ -54,7 +54,7 @@ class Policies:
     too_fast: Policy = Policy.LAND
     """When the vehicle flies faster than `max_speed_mps` or tilts more than `max_tilt_deg`."""
     max_speed_mps: Annotated[float, Ge(0.5), Le(60), DERIVED] = 10.0
-    """Default: twice vehicle.limits.speed_mps."""
+    """Default: twice vehicle.limits.speed_mps, at least 0.5."""
     # A PX4 leans up to 45 degrees after a large step of its setpoint (MPC_TILTMAX_AIR), and a
     # little beyond: 48 was seen.
     max_tilt_deg: Annotated[float, Ge(5), Le(90)] = 60.0
@@ -71,4 +71,4 @@ class Policies:
     return_separation_m: Annotated[float, Ge(0), Le(20)] = 3.0
     """Between the layers in which agents return."""
     return_speed_mps: Annotated[float, Ge(0.1), Le(20), DERIVED] = 2.5
-    """Default: half of vehicle.limits.speed_mps."""
+    """Default: half of vehicle.limits.speed_mps, at least 0.1."""

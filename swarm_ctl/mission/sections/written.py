@@ -11,6 +11,7 @@ from enum import Enum
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar, get_type_hints
 
+from annotated_types import Ge, Le
 from pydantic import ConfigDict, Field, create_model
 
 from swarm_ctl.core.model.policies import DERIVED
@@ -27,9 +28,11 @@ class Written(Section, Generic[T]):
     plan_type: ClassVar[type[Any]]
 
     def planned(self, **derived: Any) -> T:
-        """As the plan has it; `derived` has what the plan derives."""
+        """As the plan has it; `derived` has what the plan derives, and is kept within bounds."""
+        hints = get_type_hints(self.plan_type, include_extras=True) if derived else {}
+        values = {name: _within(hints[name], value) for name, value in derived.items()}
         given = {name: value for name, value in self if value is not None}
-        planned: T = self.plan_type(**(derived | given))
+        planned: T = self.plan_type(**(values | given))
         return planned
 
     if not TYPE_CHECKING:
@@ -39,6 +42,15 @@ class Written(Section, Generic[T]):
             made = create_model(plan_type.__name__, __base__=cls, **_fields(plan_type))
             made.plan_type = plan_type
             return made
+
+
+def _within(of: Any, value: Any) -> Any:
+    for bound in getattr(of, "__metadata__", ()):
+        if isinstance(bound, Ge):
+            value = max(value, bound.ge)
+        elif isinstance(bound, Le):
+            value = min(value, bound.le)
+    return value
 
 
 def _fields(plan_type: type[Any]) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from swarm_ctl.core.model.steps.hold import HoldStep
 from swarm_ctl.core.model.steps.land import LandStep
 from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.errors import InputError
-from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.mission.compile.loader import load, loads
 from swarm_ctl.mission.compile.plan_file import (
     is_plan_file,
     plan_from_json,
@@ -29,6 +29,7 @@ from swarm_ctl.mission.compile.plan_file import (
     read_plan,
 )
 from swarm_ctl.report.folder.manifest import Manifest
+from tests.unit.mission.example import edited
 from tests.unit.report.run_folders import PLAN, manifest
 
 MISSIONS = sorted((Path(__file__).parents[4] / "missions").glob("*.yaml"))
@@ -68,6 +69,17 @@ def test_every_mission_comes_back_with_its_fleet(mission: Path, tmp_path: Path) 
     assert found.plan == loaded.plan
     assert found.plan.hash() == loaded.plan.hash()
     assert found.fleet == loaded.fleet.agents
+
+
+@pytest.mark.parametrize("speed_mps", [0.1, 0.15, 0.2, 0.25, 0.3, 5, 8])
+def test_what_a_mission_derives_is_within_the_bounds_of_its_plan(speed_mps: float) -> None:
+    """A mission that is accepted gives a plan file that is. Twice 0.1 m/s is no speed limit."""
+    plan = loads(
+        edited(("law:\n", f"vehicle: {{limits: {{speed_mps: {speed_mps}}}}}\nlaw:\n"))
+    ).plan
+    assert again(plan) == plan
+    assert plan.policies.max_speed_mps == max(0.5, 2 * speed_mps)
+    assert plan.policies.return_speed_mps == max(0.1, speed_mps / 2)
 
 
 def test_a_plan_built_with_whole_numbers_has_the_same_hash() -> None:
