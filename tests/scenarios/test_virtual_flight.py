@@ -4,6 +4,7 @@ bursts, an observer, a bound, and what befalls a scenario."""
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from swarm_ctl.api.virtual_flight import VirtualFlight
 from swarm_ctl.commands.parse import parse
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.testing.plugin import Fly
+from swarm_ctl.virtual import virtual_swarm
 from swarm_ctl.virtual.scenario import scenario_of
 from tests.system.running import HEXAGON, LOW
 from tests.unit.cli.test_validate import CHANGED
@@ -44,6 +46,21 @@ def test_a_virtual_flight_is_judged(swarm: Fly) -> None:
     assert "fell" in " ".join((run.summary.reason, *map(str, run.summary.findings)))
     assert len(run.truth.time_s) > 100
     assert run.digest == flown(3).digest != flown(4).digest
+
+
+def test_side_by_side_is_as_one_after_the_other(
+    swarm: Fly, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In lockstep all agents go through a tick part by part; each message is the same as if one
+    agent ended its tick before the next one began."""
+    beside = swarm(SCENARIO, virtual=True).finish().digest
+
+    def in_turn(turns: Sequence[Iterator[None]]) -> None:
+        for turn in turns:
+            list(turn)
+
+    monkeypatch.setattr(virtual_swarm, "_side_by_side", in_turn)
+    assert swarm(SCENARIO, virtual=True).finish().digest == beside
 
 
 def test_orders_in_one_tick(swarm: Fly) -> None:
