@@ -43,6 +43,7 @@ _TIMESYNC_S = 1.0
 _REFUTED_EVERY_S = 10.0
 _CHARGE_EVERY_S = 60.0
 _SETPOINT_ID = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+_HEARTBEAT_ID = dialect.MAVLINK_MSG_ID_HEARTBEAT
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +214,7 @@ class VehicleLink:
             unsafe=driver.parameters.unsafe(now),
             own=self._own(),
             notes=self._notes(),
-            battery_percent=heard.battery_now(now),
+            battery_percent=self._charge,
             tilt_deg=heard.tilt_now(now),
             wind_mps=heard.wind_now(now),
             estimates_wind=driver.estimates_wind(heard),
@@ -362,10 +363,9 @@ class VehicleLink:
         return refusal
 
     def _take(self, frame: MavlinkFrame, now: float) -> None:
-        refusal = self._refusal(frame, now)
-        if refusal is SigningRefusal.REPLAYED and math.isinf(self._heard.heartbeat_s):
-            self._wire.confirm()  # the vehicle, with an old clock: it sets that by our frames
-        if refusal is not None:
+        if self._signing is not None and (refusal := self._refusal(frame, now)) is not None:
+            if refusal is SigningRefusal.REPLAYED and math.isinf(self._heard.heartbeat_s):
+                self._wire.confirm()  # the vehicle, with an old clock: it sets that by our frames
             return
         self._frames += 1
         if self._tap is not None:
@@ -390,7 +390,7 @@ class VehicleLink:
             return
         if not fold(self._heard, message, now):
             self._rejected += 1
-            if frame.message_id == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+            if frame.message_id == _HEARTBEAT_ID:
                 self._clashes.other_kind(now)
 
     def _count_lost(self, seq: int) -> None:
@@ -414,5 +414,7 @@ class VehicleLink:
             return
         if self._tap is not None:
             self._tap(data, now)
-        self._clashes.sent(message.get_msgId(), data)
-        self._setpoints += message.get_msgId() == _SETPOINT_ID
+        number = message.get_msgId()
+        if number == _HEARTBEAT_ID:
+            self._clashes.sent(data)
+        self._setpoints += number == _SETPOINT_ID

@@ -5,7 +5,9 @@ Source of all numbers: the MAVLink common message set.
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+import collections
+import struct
+from typing import Any, Final, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -27,6 +29,36 @@ SET_MODE = dialect.MAV_CMD_DO_SET_MODE
 SET_INTERVAL = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
 REQUEST_MESSAGE = dialect.MAV_CMD_REQUEST_MESSAGE
 CUSTOM_MODE = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+
+
+_HEAD: Final = struct.Struct("<BBBBBBBHB")
+_SETPOINT: Final[Any] = dialect.MAVLink_set_position_target_local_ned_message
+_SETPOINT_ID: Final[int] = _SETPOINT.id
+_CRC_EXTRA: Final = bytes([_SETPOINT.crc_extra])
+_fields: Final[Any] = collections.namedtuple  # noqa: PYI024 - the names are pymavlink's
+
+
+class Setpoint(_fields("_Fields", _SETPOINT.ordered_fieldnames)):  # type: ignore[misc]
+    """SET_POSITION_TARGET_LOCAL_NED. It goes out every tick: this takes a third of the time of
+    pymavlink's message object."""
+
+    __slots__ = ()
+    msgname = _SETPOINT.msgname
+
+    def get_msgId(self) -> int:  # noqa: N802 - pymavlink's name
+        """The message's number."""
+        return _SETPOINT_ID
+
+    def pack(self, codec: Any) -> bytes:
+        """The frame, as of pymavlink's own."""
+        if codec.signing.sign_outgoing or dialect.mcrf4xx is None:
+            signed: bytes = _SETPOINT(**self._asdict()).pack(codec)
+            return signed
+        payload: bytes = _SETPOINT.unpacker.pack(*self)  # ends with the frame, which is no zero
+        source = (codec.seq, codec.srcSystem, codec.srcComponent)
+        body = _HEAD.pack(0xFD, len(payload), 0, 0, *source, _SETPOINT_ID, 0) + payload
+        crc: int = dialect.mcrf4xx(body[1:] + _CRC_EXTRA)
+        return body + crc.to_bytes(2, "little")
 
 
 def heartbeat() -> Message:
@@ -70,8 +102,8 @@ def velocity(system: int, velocity_ned_mps: tuple[float, float, float], now: flo
     time_ms = int(now * 1000.0) & 0xFFFFFFFF
     position = acceleration = (0.0, 0.0, 0.0)
     numbers = (*position, *velocity_ned_mps, *acceleration, 0.0, 0.0)  # and yaw, yaw rate
-    target = (system, AUTOPILOT_COMPONENT, FRAME_LOCAL_NED, VELOCITY_ONLY)
-    return dialect.MAVLink_set_position_target_local_ned_message(time_ms, *target, *numbers)
+    target = (VELOCITY_ONLY, system, AUTOPILOT_COMPONENT, FRAME_LOCAL_NED)
+    return Setpoint(time_ms, *numbers, *target)
 
 
 def said_beside(system: int, text: str) -> bytes:

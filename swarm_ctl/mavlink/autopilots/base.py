@@ -349,7 +349,8 @@ class Autopilot(ABC):
 
     def _fly(self, heard: Telemetry, velocity_ned_mps: Vector3, now: float) -> list[Message]:
         """No setpoint for NaN or a monstrous speed: the autopilot's time-out stops the vehicle."""
-        usable = all(-MAX_SETPOINT_MPS <= axis <= MAX_SETPOINT_MPS for axis in velocity_ned_mps)
+        most, (north, east, down) = MAX_SETPOINT_MPS, velocity_ned_mps
+        usable = -most <= north <= most and -most <= east <= most and -most <= down <= most
         return self.fly(heard, velocity_ned_mps, now) if usable else []
 
     def _land(self, heard: Telemetry, now: float) -> list[Message]:

@@ -103,10 +103,9 @@ class Clashes:
             (self._sender, f"another sender speaks with our system id {agent_sysid}: {another}"),
         )
 
-    def sent(self, message_id: int, raw: bytes) -> None:
+    def sent(self, heartbeat: bytes) -> None:
         """Remember our own heartbeats, to know an echo."""
-        if message_id == dialect.MAVLINK_MSG_ID_HEARTBEAT:
-            self._own.append(raw)
+        self._own.append(heartbeat)
 
     def hear(self, frame: MavlinkFrame, now: float) -> None:
         """Any good frame of the link."""
@@ -126,4 +125,7 @@ class Clashes:
 
     def found(self, now: float) -> str:
         """What clashes and what to do, or ''."""
-        return next((text for signs, text in self._sentences if signs.stand(now)), "")
+        for signs, text in self._sentences:
+            if signs.count and signs.stand(now):
+                return text
+        return ""

@@ -128,9 +128,10 @@ class EstimateHealth:
         if self.flags & sum(rules.wrong):
             wrong = (name for flag, name in rules.wrong.items() if self.flags & flag)
             return f"the estimator says: {', '.join(wrong)}"
+        most = rules.most_ratio
         for name, ratio in self.ratios.items():
-            if ratio > rules.most_ratio:
-                limit = f"allowed: at most {rules.most_ratio:g}"
+            if ratio > most:
+                limit = f"allowed: at most {most:g}"
                 return f"the estimator's {name} differs from its sensors ({ratio:.2f}; {limit})"
         return ""
 

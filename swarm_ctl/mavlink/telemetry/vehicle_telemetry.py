@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Final
 
 from swarm_ctl.core.model.fleet import AGENT_SYSID
 from swarm_ctl.core.model.plan import Geodetic
@@ -27,6 +28,9 @@ REBOOT_BACK_S = 5.0
 """The vehicle restarted if its own clock goes back this far; less may be a late frame."""
 RESTARTS_SAID_S = 10.0
 """No vehicle restarts more often: two clocks are two senders, which would fill the log."""
+
+
+_UNKNOWN: Final = (0.0, -math.inf)
 
 
 @dataclass(slots=True)
@@ -117,12 +121,11 @@ class Telemetry:
 
     def battery_now(self, now: float) -> float | None:
         """The charge [percent] while the vehicle reports it; SYS_STATUS first."""
-        new = {
-            name: percent
-            for name, (percent, at) in self.charges.items()
-            if now - at <= CHARGE_KEPT_S
-        }
-        return new.get("SYS_STATUS", new.get("BATTERY_STATUS"))
+        for message in ("SYS_STATUS", "BATTERY_STATUS"):
+            percent, at = self.charges.get(message, _UNKNOWN)
+            if now - at <= CHARGE_KEPT_S:
+                return percent
+        return None
 
     def tilt_now(self, now: float) -> float | None:
         """How far it leans [degrees] while it reports that."""
