@@ -109,9 +109,11 @@ class Group:
         left; call it every tick."""
         self._watch_held(tick, own_override)
         self._watch_alone(tick, own_override)
-        before, pause_s = self.departed, self._policies.override_pause_s
-        held = self._held_since.keys() - self.waits_for(tick.now).keys()
-        self.departed = {i: f"a command has held agent {i} for {pause_s:g} s" for i in held}
+        before, self.departed = self.departed, dict[int, str]()
+        if self._held_since:
+            pause_s = self._policies.override_pause_s
+            held = self._held_since.keys() - self.waits_for(tick.now).keys()
+            self.departed = {i: f"a command has held agent {i} for {pause_s:g} s" for i in held}
         for peer in tick.members.peers:
             if peer.expelled:
                 self.departed[peer.id] = f"agent {peer.id} was expelled by the operator"
@@ -137,6 +139,8 @@ class Group:
 
     def _watch_held(self, tick: Tick, own_override: int) -> None:
         held = [p.id for p in tick.members.peers if p.held and p.left is None and not own_override]
+        if not held and not self._held_since:
+            return
         for agent in held:
             if agent not in self._held_since:
                 pause_s = self._policies.override_pause_s

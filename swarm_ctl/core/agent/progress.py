@@ -7,6 +7,7 @@ member shows at least (k, done); a peer at k + 1 proves k. Lost or repeated mess
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Final
 
 from swarm_ctl.core.model.messages import StepOutcome, StepResult
 from swarm_ctl.core.model.plan import GroupPlan, Plan
@@ -28,6 +29,8 @@ class Progress:
 
     def __init__(self, group: GroupPlan, prepare_timeout_s: float, now: float) -> None:
         self._group, self._prepare_timeout_s = group, prepare_timeout_s
+        self.steps: Final = group.steps
+        """The group's."""
         self.step = 0
         """0 is preparation, k is `steps[k - 1]`."""
         self.done = False
@@ -35,11 +38,6 @@ class Progress:
         self.paused_s = 0.0
         """How long a policy or a command has held this step up; its time-out waits as long."""
         self.results: list[StepResult] = [StepResult("prepare", StepOutcome.RUNNING, now, None)]
-
-    @property
-    def steps(self) -> tuple[Step, ...]:
-        """The group's."""
-        return self._group.steps
 
     @property
     def current(self) -> Step | None:
@@ -54,17 +52,20 @@ class Progress:
     @property
     def lands_in_place(self) -> bool:
         """The current step does."""
-        return self.current is not None and self.current.lands_in_place
+        step = self.current
+        return step is not None and step.lands_in_place
 
     @property
     def goes_home(self) -> bool:
         """The current step does."""
-        return self.current is not None and self.current.goes_home
+        step = self.current
+        return step is not None and step.goes_home
 
     @property
     def goes_down(self) -> bool:
         """The current step does."""
-        return self.current is not None and self.current.goes_down
+        step = self.current
+        return step is not None and step.goes_down
 
     @property
     def finished(self) -> bool:

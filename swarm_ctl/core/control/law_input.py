@@ -83,11 +83,11 @@ class LawInputBuilder:
         points: list[complex] = []
         present, linked, along = [], [], []
         now, plain, unit_m = snapshot.now_s, self._plain, self._unit_m
+        key, velocity = formation.key, formation.velocity
         for peer in snapshot.peers:  # few calls: a large swarm has a hundred
-            with_us = (
-                peer.formation is not None and peer.formation == formation.key and peer.id in slots
-            )
-            moving = formation.velocity if with_us else 0j
+            flies = peer.formation
+            with_us = flies is not None and flies == key and peer.id in slots
+            moving = velocity if with_us else 0j
             age_s = peer.age(now) if peer.far else peer.age_s
             lead = min(age_s, lead_s)
             further = min(age_s, predicted_s(peer)) - lead if moving else 0.0
@@ -100,7 +100,7 @@ class LawInputBuilder:
                 and peer.state is not None
                 and peer.id in neighbours
                 and peer.id in slots
-                and (with_us or not peer.elsewhere(formation.key))  # mostly answered by the first
+                and (with_us or not peer.elsewhere(key))  # mostly answered by the first
             )
         traffic = snapshot.traffic
         aircraft = snapshot.peers + traffic

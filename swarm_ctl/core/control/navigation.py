@@ -70,10 +70,11 @@ class Navigator:
         if view.origin != self._vehicle_origin:
             self._vehicle_origin = view.origin
             self._offset = ned_from_geodetic(view.origin, self._origin)
-        drift = self._drift.observe(view.local)
-        age = max(0.0, now - view.local.time_s)
+        local = view.local
+        drift = self._drift.observe(local)
+        age = max(0.0, now - local.time_s)
         ahead = min(age, 0.5)
-        (n, e, d), (vn, ve, vd) = view.local.position_ned_m, view.local.velocity_ned_mps
+        (n, e, d), (vn, ve, vd) = local.position_ned_m, local.velocity_ned_mps
         vn, ve, off = vn + drift.real, ve + drift.imag, self._offset
         position = (n + off[0] + vn * ahead, e + off[1] + ve * ahead, d + off[2] + vd * ahead)
         return OwnFix(age, position, (vn, ve, vd), -d, (drift.real, drift.imag))
@@ -103,8 +104,8 @@ class DriftObserver:
         elapsed = report.boot_s - self._boot_s
         if elapsed == 0.0:
             return self._drift
-        place = complex(*report.position_ned_m[:2])
-        velocity = complex(*report.velocity_ned_mps[:2])
+        (north, east, _), (v_north, v_east, _) = report.position_ned_m, report.velocity_ned_mps
+        place, velocity = complex(north, east), complex(v_north, v_east)
         flown = (0.5 * (self._velocity + velocity) + self._drift) * min(elapsed, _GAP_S)
         missed = place - self._place - flown
         if not 0.0 < elapsed <= _GAP_S:

@@ -32,9 +32,9 @@ def ned_from_geodetic(point: Geodetic, origin: Geodetic) -> Vector3:
     """(north, east, down) [m] of `point` in the tangent plane at `origin`."""
     (x0, y0, z0), rows = _plane(origin)
     x, y, z = _ecef(point)
-    d = (x - x0, y - y0, z - z0)
-    north, east, down = (row[0] * d[0] + row[1] * d[1] + row[2] * d[2] for row in rows)
-    return north, east, down
+    x, y, z = x - x0, y - y0, z - z0
+    (nx, ny, nz), (ex, ey, ez), (dx, dy, dz) = rows
+    return nx * x + ny * y + nz * z, ex * x + ey * y + ez * z, dx * x + dy * y + dz * z
 
 
 def geodetic_from_ned(ned_m: Vector3, origin: Geodetic) -> Geodetic:

@@ -31,7 +31,8 @@ class Neighbourhood:
 
     def heard(self, peers: PeerSnapshot) -> tuple[int, ...]:
         """N_i now: the neighbours that are heard, in the group's order."""
-        return tuple(peer.id for peer in peers.peers if peer.followed and peer.id in self.own)
+        own = self.own
+        return tuple([peer.id for peer in peers.peers if peer.followed and peer.id in own])
 
     def choose(self, neighbours: Iterable[tuple[int, ...]]) -> None:
         """A step brings a graph of its own, in the order of the group's agents."""

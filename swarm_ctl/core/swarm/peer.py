@@ -133,8 +133,9 @@ class Peer:
             return OtherAircraft(
                 self.id, clock_unknown=self.clock.unknown_s is not None, expelled=self.expelled
             )
-        age_s, late_s = now - self.true_s, self.late_s(now)
-        heard, suspect, says = not self.expelled, self.suspect(now), self._says
+        age_s = now - self.true_s
+        late_s = FAR_LATE_S if now - self.near_s <= NEIGHBOUR_S else 0.0  # `late_s`, without a call
+        heard, suspect, says = not self.expelled, now - self._found_s <= SUSPECT_S, self._says
         fresh = age_s <= FRESH_S + late_s and heard
         return OtherAircraft(
             self.id,
@@ -238,9 +239,11 @@ class Peer:
         finding, jumps = self._judge(old, state, received_s)
         if finding is not None and not self._insists(finding, state, received_s):
             return False
-        self._look_for_two(old, state, received_s)
+        if state.seq <= old.seq or self._stepped_s > _TURNS_S:
+            self._look_for_two(old, state, received_s)
         self._jumps, self._stepped_s = jumps, 0.0
-        self._look_for_creep(old, state, received_s)
+        if self._flew and (creep := self._creep.look(old, state)) is not None:
+            self._doubt_creep(creep, received_s)
         self._believe(state, received_s)
         return True
 
@@ -261,11 +264,8 @@ class Peer:
         if self._stepped_s > _TURNS_S and received_s - self.received_s < INSISTS_S:
             self.doubt(_TWO, received_s)
 
-    def _look_for_creep(self, old: AgentState, state: AgentState, received_s: float) -> None:
+    def _doubt_creep(self, finding: Suspicion, received_s: float) -> None:
         """It is followed all the same: where its vehicle is instead, no other word tells."""
-        finding = self._creep.look(old, state) if self._flew else None
-        if finding is None:
-            return
         other = self.found is not None and self.found.doubt is not Doubt.CREEP
         if not (other and self.suspect(received_s)):
             self.doubt(finding, received_s)

@@ -7,7 +7,6 @@ they differ.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -48,9 +47,10 @@ class _Report(NamedTuple):
     contact: Contact
     place: complex
     velocity: complex
-    speed: float
     stops: complex
     """From where it is to where it comes to rest."""
+    differs_m: float
+    """That place may be so far from what a peer says, by setpoints that have yet to be flown."""
 
 
 class Traffic:
@@ -73,24 +73,23 @@ class Traffic:
     ) -> tuple[OtherAircraft, ...]:
         """The contacts that are no followed peer, the `MAX_CONTACTS` nearest to `own_m` first."""
         stand = [p.state.position_ned_m for p in peers if p.down and p.state is not None]
-        known = self._reports
-        recent = [
-            report
-            if (report := known.get(contact.address)) is not None and report.contact is contact
-            else self._report(contact)
-            for contact in contacts
-            if 0.0 <= now - contact.time_s <= _CONTACT_S
-            and not (stand and self._stands(contact, stand))
-        ]
+        known, recent, at = self._reports, list[_Report](), list[complex]()
+        for contact in contacts:
+            age_s = now - contact.time_s
+            if not 0.0 <= age_s <= _CONTACT_S or (stand and self._stands(contact, stand)):
+                continue
+            report = known.get(contact.address)
+            if report is None or report.contact is not contact:
+                report = self._report(contact)
+            recent.append(report)
+            at.append(report.place + report.velocity * age_s)
         self.seen, self.off = frozenset(), {}
         if not recent:
             return ()
-        at = [report.place + report.velocity * (now - report.contact.time_s) for report in recent]
-        stranger = self._unlike(now, recent, at, peers)
-        found = [
-            _aircraft(now, report, where)
-            for report, where in itertools.compress(zip(recent, at, strict=True), stranger)
-        ]
+        strangers = self._unlike(now, recent, at, peers)
+        if not strangers:
+            return ()
+        found = [_aircraft(now, recent[k], at[k]) for k in strangers]
         found.sort(key=lambda other: abs(other.stop_point - complex(*own_m)))
         return tuple(found[:MAX_CONTACTS])
 
@@ -100,37 +99,37 @@ class Traffic:
         reports: Sequence[_Report],
         at: Sequence[complex],
         peers: Sequence[OtherAircraft],
-    ) -> list[bool]:
-        """For each contact: no followed peer says that it is there and stops there."""
+    ) -> list[int]:
+        """The places of the contacts of which no followed peer says that it is there and stops
+        there."""
         followed = [peer for peer in peers if peer.followed and peer.state is not None]
         if not followed:
-            return [True] * len(at)
-        told = [peer.position for peer in followed]
-        ages = [peer.age(now) for peer in followed]
-        # a state from before the own clock was set back has an age less than 0, and explains less
-        reach_m = [_SAME_AIRCRAFT_M + self._fastest_mps * age_s for age_s in ages]
-        unlike, seen = [True] * len(at), []
-        for k, j in _near(at, told, reach_m):
+            return [*range(len(at))]
+        ages = [peer.age(now) if peer.far else peer.age_s for peer in followed]
+        told = [_carried_on(peer, age_s) for peer, age_s in zip(followed, ages, strict=True)]
+        explained, seen = set[int](), []
+        for k, j in _near(at, told):
             peer, report, age_s = followed[j], reports[k], ages[j]
-            if abs(at[k] - _carried_on(peer, age_s)) >= _SAME_AIRCRAFT_M:
+            # a state from before the own clock was set back has an age less than 0, and explains
+            # less
+            if abs(at[k] - peer.position) >= _SAME_AIRCRAFT_M + self._fastest_mps * age_s:
                 continue
             stops = peer.stop_point + peer.setpoint * min(age_s, predicted_s(peer))
             off_m = abs(at[k] + report.stops - stops)
-            if off_m <= self._may_differ_m(report.speed, now - report.contact.time_s):
-                unlike[k] = False
+            if off_m <= report.differs_m + self._turned_m(now - report.contact.time_s):
+                explained.add(k)
                 seen.append(peer.id)
             else:
                 self.off[peer.id] = off_m
         self.seen = frozenset(seen)
         if self.off:
             self.off = {i: off_m for i, off_m in self.off.items() if i not in self.seen}
-        return unlike
+        return [k for k in range(len(at)) if k not in explained]
 
-    def _may_differ_m(self, speed: float, age_s: float) -> float:
-        """Setpoints that the vehicle has yet to fly, and what it did since the contact."""
-        response, limit = self._response, self._limit_mps
-        turned = min(response.acceleration_mps2 * age_s, limit)
-        return _STOPS_M + response.dead_time_s * (limit + speed) + turned * self._ahead_s
+    def _turned_m(self, age_s: float) -> float:
+        """By what a vehicle did since the contact, its stop point may have moved so far."""
+        turned = min(self._response.acceleration_mps2 * age_s, self._limit_mps)
+        return turned * self._ahead_s
 
     def _stands(self, contact: Contact, places: Sequence[Vector3]) -> bool:
         """It is a peer that has landed and ended, at its height as well: no other flies there."""
@@ -141,8 +140,9 @@ class Traffic:
         """What a new contact says: worked out once."""
         north, east, _ = ned_from_geodetic(contact.position, self._plan.origin)
         velocity = _horizontal(contact.velocity_ned_mps)
-        stops = self._stops(velocity)
-        report = _Report(contact, complex(north, east), velocity, abs(velocity), stops)
+        stops, flies_mps = self._stops(velocity), self._limit_mps + abs(velocity)
+        differs_m = _STOPS_M + self._response.dead_time_s * flies_mps
+        report = _Report(contact, complex(north, east), velocity, stops, differs_m)
         self._reports[contact.address] = report
         return report
 
@@ -157,18 +157,16 @@ class Traffic:
         return velocity * ahead_s
 
 
-def _near(
-    at: Sequence[complex], told: Sequence[complex], reach_m: Sequence[float]
-) -> list[tuple[int, int]]:
-    """(k, j) of each contact k that is closer than `reach_m[j]` to where peer j is told to be."""
+def _near(at: Sequence[complex], told: Sequence[complex]) -> list[tuple[int, int]]:
+    """(k, j) of each contact k that is where peer j must be by its word."""
     if len(at) * len(told) <= _FEW:
         return [
             (k, j)
             for k, place in enumerate(at)
-            for j, (other, reach) in enumerate(zip(told, reach_m, strict=True))
-            if abs(place - other) < reach
+            for j, other in enumerate(told)
+            if abs(place - other) < _SAME_AIRCRAFT_M
         ]
-    near = np.abs(np.array(at)[:, None] - np.array(told)) < np.array(reach_m)
+    near = np.abs(np.array(at)[:, None] - np.array(told)) < _SAME_AIRCRAFT_M
     return list(zip(*(places.tolist() for places in near.nonzero()), strict=True))
 
 
