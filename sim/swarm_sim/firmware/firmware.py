@@ -26,7 +26,7 @@ class Firmware(SimAutopilot):
     @property
     def due_s(self) -> float:
         """When `run` has something to do next."""
-        return min(self.tick_s, *(streams.next_s for streams in self.channel_streams))
+        return min([self.tick_s, *[streams.next_s for streams in self.channel_streams]])
 
     def run(self, now: float, sensed: Sensed) -> None:
         """Does what is due at `now`."""

@@ -112,6 +112,11 @@ class Demands:
         )
 
 
+def some(mask: Mask) -> bool:
+    """`mask.any()`, in a tenth of the time for a few vehicles."""
+    return 1 in mask.tobytes()
+
+
 def advance(state: MotionState, demands: Demands, response: VelocityResponse, dt: float) -> None:
     """Moves `state` by `dt` [s] in place, by semi-implicit Euler steps."""
     target = velocity_target(state, demands)
@@ -165,7 +170,7 @@ def _approach(distance: Array, gain: float, deceleration: float) -> Array:
 
 def _fall(state: MotionState, demands: Demands, acceleration: Array) -> None:
     falling = ~(demands.lift | state.landed)
-    if np.count_nonzero(falling):
+    if some(falling):
         # gravity and the drag of the air; the controller starts afresh
         acceleration[falling] = -_FALL_DRAG_PER_S * (state.velocity - state.wind)[falling]
         acceleration[falling, 2] += GRAVITY_MPS2
@@ -179,7 +184,7 @@ def _stand(state: MotionState, acceleration: Array) -> None:
 
 
 def _turn(state: MotionState, demands: Demands, dt: float) -> None:
-    if np.count_nonzero(state.heading != demands.heading):
+    if some(state.heading != demands.heading):
         # the shorter way round, at the turn rate; a vehicle on the ground keeps its heading
         error = np.remainder(demands.heading - state.heading + math.pi, 2 * math.pi) - math.pi
         step = np.clip(error, -_TURN_RADPS * dt, _TURN_RADPS * dt)
@@ -190,7 +195,7 @@ def _touch_down(state: MotionState) -> None:
     touched = (
         (state.position[..., 2] >= state.ground) & (state.velocity[..., 2] >= 0.0) & ~state.landed
     )
-    if np.count_nonzero(touched):
+    if some(touched):
         # stands at the height of its ground, at rest
         state.landed |= touched
         state.impact[touched] = np.linalg.norm(state.velocity[touched], axis=-1)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swarm_sim.physics.kinematics import GRAVITY_MPS2, Array, Mask
+from swarm_sim.physics.kinematics import GRAVITY_MPS2, Array, Mask, some
 
 Gains = tuple[float, float]
 """Horizontal, vertical."""
@@ -237,14 +237,14 @@ def _bound(vector: Array, horizontal: float, vertical: Array | float) -> Mask | 
         return None  # one cheap sum shows that no vector is near its bound: the usual case
     length = np.hypot(vector[..., 0], vector[..., 1])
     long: Mask = length > horizontal
-    some = np.count_nonzero(long) > 0
-    if some:
+    any_long = some(long)
+    if any_long:
         np.maximum(length, horizontal, out=length)
         vector[..., :2] *= (horizontal / length)[..., None]
     down = vector[..., 2]
     np.minimum(down, vertical, out=down)
     np.maximum(down, -vertical, out=down)
-    return long if some else None
+    return long if any_long else None
 
 
 @functools.lru_cache(maxsize=64)

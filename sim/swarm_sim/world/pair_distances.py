@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from swarm_sim.physics.kinematics import Array, Mask
+from swarm_sim.physics.kinematics import Array, Mask, some
 
 COLLISION_M = 0.5
 """Airframes half a metre across touch when their centres are closer than this."""
@@ -39,7 +39,7 @@ class PairMinima:
         north, east = position[:, 0], position[:, 1]
         square = np.subtract.outer(north, north) ** 2 + np.subtract.outer(east, east) ** 2
         self.square = square
-        if landed is not None and landed.any():
+        if landed is not None and some(landed):
             down = position[:, 2]
             higher = np.abs(np.subtract.outer(down, down)) > _OVER_M
             square[higher & (landed != landed[:, None])] = np.inf

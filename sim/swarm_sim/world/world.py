@@ -64,6 +64,8 @@ class World:
         self._range_m = config.sensing_range_m
         self.plane = TangentPlane(config.origin.geodetic())
         self.groups, self._members = _groups(config, self.plane)
+        self._in_range: list[list[int]] | None = None
+        """By vehicle: those that it senses, once one has asked in this step."""
         rows = {i: row for members in self._members.values() for row, i in enumerate(members)}
         self.vehicles = [self._vehicle(i, rows[i], config) for i in range(len(rows))]
         self.pairs = PairMinima(len(self.vehicles))
@@ -99,6 +101,7 @@ class World:
                 vehicle.move_faults(now)
         for group in self.groups.values():
             group.step(STEP_S)
+        self._in_range = None
         if self._flying or self._moved_on():
             for pair in self.pairs.update(self.positions(), self._landed()):
                 self._collide(*pair)
@@ -235,12 +238,13 @@ class World:
         )
 
     def _traffic(self, index: int) -> Iterable[Contact]:
-        # the vehicles within a sphere about this one
-        positions = self.positions()
-        away = positions - positions[index]
-        near = (away * away).sum(axis=1) <= self._range_m**2
-        near[index] = False
-        for i in np.flatnonzero(near).tolist():
+        if self._in_range is None:  # a sphere about each one
+            positions = self.positions()
+            away = positions[:, None] - positions
+            near = (away * away).sum(axis=2) <= self._range_m**2
+            np.fill_diagonal(near, val=False)
+            self._in_range = [np.flatnonzero(row).tolist() for row in near]
+        for i in self._in_range[index]:
             truth = self.vehicles[i].truth()
             yield self.vehicles[i].sysid, truth.position_ned_m, truth.velocity_ned_mps
 

@@ -70,7 +70,10 @@ def _axes(fields: Mapping[str, Any], names: tuple[str, str, str], ignored: int) 
     """Three fields, None for an ignored one; None where one that is not ignored isn't finite."""
     if ignored == 7:
         return NOTHING
-    n, e, d = (None if ignored >> i & 1 else float(fields[name]) for i, name in enumerate(names))
+    north, east, down = names
+    n = None if ignored & 1 else float(fields[north])
+    e = None if ignored & 2 else float(fields[east])
+    d = None if ignored & 4 else float(fields[down])
     return (n, e, d) if _usable(n) and _usable(e) and _usable(d) else None
 
 

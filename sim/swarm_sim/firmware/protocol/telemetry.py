@@ -260,7 +260,9 @@ def _contact(plane: TangentPlane, sysid: int, position: Vector3, velocity: Vecto
         "ver_velocity": _centi(-down),
         "callsign": f"SIM{sysid:04d}".encode(),
         "emitter_type": 14,
+        "tslc": 0,
         "flags": 0x1 | 0x2 | 0x4 | 0x8 | 0x10,
+        "squawk": 0,
     }
 
 
