@@ -201,7 +201,7 @@ class Agent:
 
     def stages(self, now: float, inbox: Inbox) -> Generator[None, None, Actions]:
         """`step`, with a halt after each part: agents of one process may tick side by side, and do
-        so in three quarters of the time, because a part's code is at hand then."""
+        so in four fifths of the time, because a part's code is at hand then."""
         tick = yield from self._hear(now, inbox)
         yield
         acks = tuple([self._obey(tick, command) for command in inbox.commands])
