@@ -184,7 +184,8 @@ def test_two_with_one_id() -> None:
     second.link = first.link  # it sees the same vehicle
     for _ in range(80):
         swarm.tick()
-        swarm._step(first)
+        for _ in swarm._turn(first):
+            pass
     assert "FlyGoal" not in second.goals
     assert "another process speaks as agent 3" in (second.status.reason if second.status else "")
 
