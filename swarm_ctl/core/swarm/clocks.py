@@ -113,7 +113,7 @@ class PeerClock:
         before_low, before_high = self.bounds(received_s)
         anew = low > before_high + _ROUNDING_S or high + since_then < before_low - _ROUNDING_S
         self.stepped_s = max(0.0, low - before_high, before_low - high) if anew else 0.0
-        if anew and not self._claimed(low, high, received_s):
+        if anew and not self._claimed(low, high + since_then, received_s):
             return
         self._claim = None
         if anew or low > before_low:

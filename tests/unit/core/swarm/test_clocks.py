@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from swarm_ctl.core.model.messages import AgentState, Answers, ClockEcho, ClockNews, Phase
@@ -116,6 +116,7 @@ def test_news_is_never_younger_than_it_is(
         assert peer.age(came_s + 3.0) == pytest.approx(peer.age(came_s) + 3.0)
 
 
+@example(0.0, 8e-4, [Trip(0.0, 0.0, 0.0, 0.0)], 1.0, [], [Trip(0.0, 0.0, 1.0, 0.0)])  # held long
 @given(OFFSET, DRIFTS, TRIPS, st.floats(-3600, 3600), st.lists(DELAY, max_size=5), TRIPS)
 def test_a_clock_that_jumps(
     offset: float,
