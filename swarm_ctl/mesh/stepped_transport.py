@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable, Mapping
 from operator import itemgetter
 from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 
+from swarm_ctl.core.kernel.boundary import FOLLOW_TICKS
 from swarm_ctl.core.model.messages import Refusal
-from swarm_ctl.core.swarm.hearing import FOLLOW_TICKS
 from swarm_ctl.mesh.keys import CHANNELS, QUEUE, Channel, Qos, owner_of
 from swarm_ctl.mesh.transport import Carried, Inlet, Message, Transport
 

@@ -18,6 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from swarm_ctl.signals import deaf_children, deaf_tracker, hears
 from swarm_ctl.study.batch.batch import Batch, blocks, draw, flown_alike, joined
 from swarm_ctl.study.batch.batch_flight import fly
+from swarm_ctl.study.batch.compiled import available, waits
 from swarm_ctl.study.parameter_space import Cell, Study
 from swarm_ctl.study.rows import Row, rows_file, rows_of
 
@@ -47,6 +48,8 @@ def run_study(
     file, work = rows_file(path, study), blocks(study)
     missing = {block: work[block] for block in file.missing}
     flown = study.rows - _missions(missing.values())
+    if missing:
+        prepare(console)
     columns = (TextColumn("missions"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("missions", total=study.rows, completed=flown)
@@ -63,6 +66,20 @@ def run_study(
                 " from here"
             )
             raise
+
+
+def prepare(console: Console) -> None:
+    """Compile what flies missions, if that has not been done: once, for all processes. Says what
+    takes its time."""
+    if not available():
+        console.print(
+            "numba is not installed: missions take a hundred times as long; faster with: pip"
+            " install 'swarm-ctl\\[study]'"
+        )
+    elif waits():
+        console.print("compiling the flight of missions, once after each change of it ...")
+        ((cell, first, count),) = blocks(Study(n=2, missions=1, limit_s=1.0))
+        fly(draw(cell, first, count))
 
 
 def fly_studies(

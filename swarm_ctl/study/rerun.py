@@ -12,9 +12,8 @@ import numpy as np
 import yaml
 from rich.table import Table
 
-from swarm_ctl.core.law.formation_law import STATUSES
+from swarm_ctl.core.kernel.law import STATUSES
 from swarm_ctl.core.law.stop_point import TYPICAL
-from swarm_ctl.core.law.swarm_law import NearPairs
 from swarm_ctl.core.model.arrays import Floats, Indices
 from swarm_ctl.errors import InputError
 from swarm_ctl.study.batch.batch import Batch
@@ -36,23 +35,15 @@ class Trace:
     pairs: list[tuple[float, int, int, float, float, float, int]] = field(default_factory=list)
     """(time, i, j, distance, sigma, D_ub - D_lb, status): how i sees j."""
 
-    def __call__(
-        self, time_s: float, place: Indices, position: Floats, near: NearPairs | None
-    ) -> None:
+    def __call__(self, time_s: float, place: Indices, position: Floats, pairs: Floats) -> None:
         """Take a tick in."""
         if not len(place) or place[0] != 0:
             return
         self.time_s.append(time_s)
         self.position.append(position[..., 0].copy())
-        if near is None:
-            return
-        numbers = near.numbers
-        for k in np.flatnonzero(near.mission == 0):
-            ends = (int(near.first[k]), int(near.second[k]))
-            for side, (i, j) in enumerate((ends, ends[::-1])[: len(numbers.sigma)]):
-                sigma, status = float(numbers.sigma[side, k]), int(numbers.status[side, k])
-                gap = float(numbers.d_ub[side, k] - numbers.d_lb[side, k])
-                self.pairs.append((time_s, i, j, float(near.distance[k]), sigma, gap, status))
+        for i, j in np.argwhere(pairs[0, ..., 0] > 0.0).tolist():
+            distance, sigma, _, _, gap, status = pairs[0, i, j].tolist()
+            self.pairs.append((time_s, i, j, distance, sigma, gap, int(status)))
 
     def positions(self) -> Floats:
         """(T, 2, n) in units."""

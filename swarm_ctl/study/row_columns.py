@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from swarm_ctl.core.law.formation_law import STATUSES
+from swarm_ctl.core.kernel.law import STATUSES
 from swarm_ctl.study.parameter_space import AGENT_RANGES, LISTS, RANGES, Study
 
 WITH_UNIT: Final = {

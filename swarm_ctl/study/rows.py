@@ -18,7 +18,7 @@ from typing import Any, Final, Protocol, TypeAlias
 import numpy as np
 from pydantic import ValidationError
 
-from swarm_ctl.core.law.formation_law import STATUSES
+from swarm_ctl.core.kernel.law import STATUSES
 from swarm_ctl.errors import InputError
 from swarm_ctl.study import parquet_parts
 from swarm_ctl.study.batch.batch import Batch, blocks

@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from swarm_ctl.core.agent.agent import Actions, Agent, Ended, Inbox
+from swarm_ctl.core.kernel.boundary import FOLLOW_TICKS
 from swarm_ctl.core.model.messages import (
     AgentState,
     AgentStatus,
@@ -27,7 +28,6 @@ from swarm_ctl.core.model.messages import (
     StationBeacon,
 )
 from swarm_ctl.core.model.plan import GroupPlan, Plan
-from swarm_ctl.core.swarm.hearing import FOLLOW_TICKS
 from swarm_ctl.mavlink.autopilots.timing import streams_hz
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.signing import UNITS_S, LinkSigning

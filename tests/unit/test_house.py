@@ -70,7 +70,7 @@ def test_no_command_waits_for_what_another_one_needs() -> None:
 
 
 HOUSES = ("swarm_ctl", "sim/swarm_sim")
-BOTH_SIDES = {"KeeperGoneError", "Streams", "TickWord", "LagResponse"}
+BOTH_SIDES = {"KeeperGoneError", "Streams", "TickWord"}
 """The same thing in `swarm_ctl` and in the simulator, which shares no code with it."""
 FACES = {"Lifeline"}
 """What a command needs of a class, beside the class."""
@@ -82,7 +82,6 @@ INNER_LOOPS = {
 }
 """Rows that each tick makes for each aircraft: by name they take two and a half times as long, 4 %
 of a tick among 32 agents."""
-UNTIL_STUDIES_FLY_THE_KERNEL = {"Coast", "Heard", "Margins", "Model", "Pairs"}
 
 
 def _trees() -> dict[Path, ast.Module]:
@@ -98,7 +97,7 @@ def test_a_class_name_stands_for_one_thing() -> None:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 where.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
     twice = {name for name, paths in where.items() if len(paths) > 1}
-    assert twice == BOTH_SIDES | FACES | UNTIL_STUDIES_FLY_THE_KERNEL, {n: where[n] for n in twice}
+    assert twice == BOTH_SIDES | FACES, {n: where[n] for n in twice}
 
 
 def test_no_constructor_takes_more_than_six_values_by_position() -> None:

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import re
 from importlib import metadata
+from typing import Final
 
 from swarm_ctl.errors import StartError
+
+ONLY_FASTER: Final = {"numba"}
+"""Packages without which a command does the same, and says that it is slower."""
 
 
 def require(extra: str, what: str) -> None:
     """Raise StartError where a package of this extra is not installed; `what` needs it."""
-    missing = [name for name in packages(extra) if not _installed(name)]
+    needed = [name for name in packages(extra) if name not in ONLY_FASTER]
+    missing = [name for name in needed if not _installed(name)]
     if missing:
         raise StartError(
             f"{what} needs {', '.join(missing)}; install with: pip install 'swarm-ctl[{extra}]'"

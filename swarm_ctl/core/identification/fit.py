@@ -18,7 +18,8 @@ from typing import Final
 
 import numpy as np
 
-from swarm_ctl.core.law.stop_point import pending, stop_points
+from swarm_ctl.core.kernel.coast import pending
+from swarm_ctl.core.law.stop_point import stop_point
 from swarm_ctl.core.model.arrays import Floats
 from swarm_ctl.core.model.plan import Response
 
@@ -293,15 +294,15 @@ def _stop_errors(leg: Leg, vehicle: Response) -> Floats:
     positions, velocities = np.asarray(leg.positions_m), np.asarray(leg.velocities_mps)
     tick_s = float(np.median(np.diff(times)))
     ahead = pending(vehicle, tick_s)
-    before = np.concatenate([np.zeros(ahead), commands])
-    acting = (
-        np.array([before[k : k + len(commands)] for k in range(ahead)])
-        .reshape(ahead, len(commands))
-        .T
+    before = np.concatenate([np.zeros(ahead), commands]).tolist()
+    predicted = np.array(
+        [
+            stop_point(position, velocity, before[k : k + ahead], tick_s, vehicle).real
+            for k, (position, velocity) in enumerate(
+                zip(positions.tolist(), velocities.tolist(), strict=True)
+            )
+        ]
     )
-    predicted = stop_points(
-        _in_plane(positions), _in_plane(velocities), _in_plane(acting), tick_s, vehicle
-    )[:, 0]
     stopped = np.concatenate([[False], commands == 0.0, [False]])
     edges = np.flatnonzero(np.diff(stopped.astype(np.int8)))
     found = [np.zeros(0)]
@@ -312,10 +313,6 @@ def _stop_errors(leg: Leg, vehicle: Response) -> Floats:
             )
             found.append(np.abs(predicted[soon] - positions[end - 1]))
     return np.concatenate(found)
-
-
-def _in_plane(along: Floats) -> Floats:
-    return np.stack((along, np.zeros_like(along)), axis=-1)
 
 
 def _warnings(

@@ -48,9 +48,14 @@ def coasted(
 
 def rest(x: complex, v: complex, model: Coast) -> complex:
     """Where it comes to rest once zero velocity acts on it: full braking, then the lag."""
-    speed, a, tau = abs(v), model.acceleration_mps2, model.lag_s
+    speed = abs(v)
+    return x + v * (stop_distance(speed, model) / max(speed, 1e-12))
+
+
+def stop_distance(speed: float, vehicle: Coast | Response) -> float:
+    """How far a vehicle still goes once zero velocity acts on it."""
+    a, tau = vehicle.acceleration_mps2, vehicle.lag_s
     over = max(speed - a * tau, 0.0)
     # under the knee a tau it is tau w; above it (w^2 + (a tau)^2) / (2 a), which is tau w + (w - a
     # tau)^2 / (2 a)
-    distance = tau * speed + over * over / (2 * a)
-    return x + v * (distance / max(speed, 1e-12))
+    return tau * speed + over * over / (2 * a)

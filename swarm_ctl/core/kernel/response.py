@@ -45,7 +45,7 @@ _JUMP_M: Final = 1.0
 """A position that moves so far in one tick was corrected, not flown."""
 
 
-class Model(NamedTuple):
+class ResponseModel(NamedTuple):
     """What is believed of a vehicle at first."""
 
     dead_time_s: float
@@ -79,16 +79,18 @@ class Estimate(NamedTuple):
     slow_behind: complex
 
 
-def model_of(vehicle: Response, tick_s: float) -> Model:
+def model_of(vehicle: Response, tick_s: float) -> ResponseModel:
     """For one setpoint a tick."""
     under_way = pending(vehicle, tick_s)
     latest = math.ceil((vehicle.dead_time_s + LATEST_S) / tick_s)
     remembered = max(under_way, latest) + 1
     coast = coast_of(vehicle, tick_s)
-    return Model(vehicle.dead_time_s, vehicle.lag_s, vehicle.doubt_s, coast, under_way, remembered)
+    return ResponseModel(
+        vehicle.dead_time_s, vehicle.lag_s, vehicle.doubt_s, coast, under_way, remembered
+    )
 
 
-def unknown(model: Model) -> Estimate:
+def unknown(model: ResponseModel) -> Estimate:
     """Nothing of it was seen yet."""
     return Estimate(
         late_s=0.0,
@@ -105,7 +107,7 @@ def unknown(model: Model) -> Estimate:
     )
 
 
-def response_s(estimate: Estimate, model: Model) -> float:
+def response_s(estimate: Estimate, model: ResponseModel) -> float:
     """From a setpoint to the flown velocity: dead time and lag together."""
     return model.dead_time_s + model.lag_s + estimate.late_s
 
@@ -129,7 +131,7 @@ def afresh(estimate: Estimate) -> Estimate:
 
 
 def steered(
-    estimate: Estimate, setpoint: complex, sent: MutableSequence[complex], model: Model
+    estimate: Estimate, setpoint: complex, sent: MutableSequence[complex], model: ResponseModel
 ) -> Estimate:
     """A setpoint [m/s] was sent, and goes into the ring: the model flies one tick."""
     late_s, doubt_s, moved, agreed, count, begun, place, velocity, slow, behind, slow_behind = (
@@ -155,7 +157,9 @@ def steered(
     )
 
 
-def compared(estimate: Estimate, position: complex, velocity: complex, model: Model) -> Estimate:
+def compared(
+    estimate: Estimate, position: complex, velocity: complex, model: ResponseModel
+) -> Estimate:
     """Take one tick in: where the vehicle is now, and how it moves. Call it once a tick."""
     _, _, moved, agreed, count, begun, place, flown, slow_velocity, before, slow_behind = estimate
     if not begun:
@@ -195,7 +199,11 @@ def compared(estimate: Estimate, position: complex, velocity: complex, model: Mo
 
 
 def stop_point(
-    estimate: Estimate, position: complex, velocity: complex, sent: Sequence[complex], model: Model
+    estimate: Estimate,
+    position: complex,
+    velocity: complex,
+    sent: Sequence[complex],
+    model: ResponseModel,
 ) -> complex:
     """Where the vehicle would come to rest [m], from where it is now [m], [m/s]."""
     late_s = estimate.late_s + model.dead_time_s

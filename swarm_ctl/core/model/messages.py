@@ -110,7 +110,7 @@ class ReturnStage(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class ExchangeState:
-    """What an agent says of slot exchange (`core/swarm/exchange_protocol.py`). Agents by their
+    """What an agent says of slot exchange (`core/kernel/exchange.py`). Agents by their
     place in the plan; -1: none."""
 
     role: int

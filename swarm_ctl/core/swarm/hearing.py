@@ -16,9 +16,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from collections.abc import Set as AbstractSet
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
-from swarm_ctl.core.model.arrays import ONE, Arithmetic
+from swarm_ctl.core.kernel.boundary import KEPT_S, LOOK_S, boundary_of, near_m
 from swarm_ctl.core.model.messages import AgentState
 from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.core.model.timeouts import FAR_EVERY_S
@@ -27,16 +27,6 @@ from swarm_ctl.core.swarm.plausibility import JUMP_M
 SMALL_SWARM: Final = 16
 """Up to so many agents are a mesh of peers, and all are near. Links and messages of a mesh grow
 with the square of the agents: 32 of them fill two cores."""
-FOLLOW_TICKS: Final = 5
-"""From the decision to follow a peer to the first tick whose state of that peer is heard. In
-lockstep always; in real time the mesh's word arrives within, even on a busy machine."""
-LOOK_S: Final = 0.25
-"""Between two looks at which peers are near."""
-_ARRIVES_TICKS: Final = 2
-"""From a state to the tick that goes by it."""
-KEPT_S: Final = 3.0
-"""A peer that is near no more is heard for so long: a subscription that ends and begins again costs
-more than twenty states."""
 
 
 def hears_all(plan: Plan) -> bool:
@@ -52,33 +42,6 @@ def mesh_words(agents: int, *, routed: bool) -> str:
     if routed:
         return f"one router a host, {agents} agents: all peers every tick"
     return f"of peers, {agents} agents, {agents * (agents - 1) // 2} links"
-
-
-class Boundary:
-    """Between near and far.
-
-    Args:
-        reach_m: an aircraft whose stop point is farther away constrains nothing.
-        speed_mps: top speed.
-        tick_s: of the agents.
-        silent_s: so long a silence the mission bears.
-    """
-
-    def __init__(self, reach_m: float, speed_mps: float, tick_s: float, silent_s: float) -> None:
-        acts_s = LOOK_S + (FOLLOW_TICKS + _ARRIVES_TICKS) * tick_s
-        self._within_m = reach_m + JUMP_M + 2.0 * speed_mps * acts_s
-        self._speed_mps, self._silent_s = speed_mps, silent_s
-
-    def near_m(self, age_s: Any, of: Arithmetic = ONE) -> Any:
-        """A peer whose newest word was true `age_s` ago is near if the stop point that it told is
-        no farther away.
-
-        A far word is as old as its period just before the next one, so younger ones count as that
-        old. A peer that is silent for longer than the mission bears has been given up by then.
-        `of`: `MANY` for arrays.
-        """
-        flown_s = of.least(of.most(age_s, FAR_EVERY_S), self._silent_s)
-        return self._within_m + self._speed_mps * flown_s
 
 
 class Heard(Protocol):
@@ -105,7 +68,8 @@ class Hearing:
 
     def __init__(self, plan: Plan, own_id: int, reach_m: float) -> None:
         silent_s = plan.policies.agent_lost_after_s
-        self.near_m = Boundary(reach_m, plan.limits.speed_mps, plan.tick_s, silent_s).near_m
+        speed_mps = plan.limits.speed_mps
+        self.boundary = boundary_of(reach_m, JUMP_M, speed_mps, plan.tick_s, silent_s)
         index = [agent.id for agent in plan.agents].index(own_id)
         self._phase_s, self._half_s = index * plan.tick_s, 0.5 * plan.tick_s
         self._due_s = self._word_s = -math.inf
@@ -136,9 +100,8 @@ class Hearing:
             for peer in peers:
                 if peer.state is not None:
                     at = peer.state.stop_point_m
-                    if math.hypot(at[0] - north, at[1] - east) <= self.near_m(
-                        now - peer.earliest_s
-                    ):
+                    within_m = near_m(now - peer.earliest_s, self.boundary)
+                    if math.hypot(at[0] - north, at[1] - east) <= within_m:
                         self._near_s[peer.id] = now
         self._near_s = {
             i: at_s for i, at_s in self._near_s.items() if now - at_s <= KEPT_S + self._half_s

@@ -1,4 +1,4 @@
-"""One agent's part in slot exchange (`core/swarm/exchange_protocol.py`): which agent flies to which
+"""One agent's part in slot exchange (`core/kernel/exchange.py`): which agent flies to which
 slot, and the own offers and answers.
 
 A *role* is a place in the group's list of agents: role k flies to the k-th slot of each mission
@@ -10,27 +10,28 @@ shape gives each agent its own slot of it and knows no roles.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Container, Mapping, Sequence
 from operator import attrgetter
 from typing import Final, TypeAlias
 
-import numpy as np
-
+from swarm_ctl.core.kernel.exchange import (
+    EVERY_S,
+    GONE_S,
+    NO_PART,
+    WORTH,
+    Said,
+    Shape,
+    ranks,
+    took_part,
+)
 from swarm_ctl.core.model.messages import AgentState, ExchangeState, Phase
 from swarm_ctl.core.model.plan import GroupPlan, Plan, Point
 from swarm_ctl.core.model.timeouts import FRESH_S, PREDICT_S
-from swarm_ctl.core.swarm.exchange_protocol import (
-    EVERY_S,
-    GONE_S,
-    WORTH,
-    ExchangeProtocol,
-    ExchangeStates,
-)
 from swarm_ctl.core.swarm.peers import Peers
 from swarm_ctl.core.swarm.snapshot import FormationKey
 
-_FIELDS: Final = tuple(ExchangeStates.__dataclass_fields__)
-_ROW: Final = attrgetter(*_FIELDS)
+_ROW: Final = attrgetter(*Said._fields)
 _UNHEARD_S: Final = 1e9
 _ROUNDING: Final = 1e-6
 """[units, units^2]: the round itself rounds otherwise."""
@@ -48,9 +49,9 @@ class SlotExchange:
         self._places = {agent: place for place, agent in enumerate(self._ids)}
         self._own, self._place = own_id, self._places[own_id]
         self._peers = peers
-        self._protocol: ExchangeProtocol | None = None
-        self._slots: list[complex] = []
-        """By role [units]."""
+        self._shape: Shape | None = None
+        """None: before the first form step."""
+        self._part = NO_PART
         self._links: Links = {}
         self._heard_of: dict[int, AgentState] = {}
         self._said = {agent: ExchangeState(role=place) for agent, place in self._places.items()}
@@ -92,14 +93,10 @@ class SlotExchange:
 
     def begin(self, slots: Sequence[Point]) -> None:
         """A form step begins: its slots by role [units]. An exchange under way goes on."""
-        z = np.array(slots, dtype=np.float64).T[:, :, None]
-        unlinked = np.zeros((len(self._ids), len(self._ids), 1), dtype=np.bool_)
-        self._protocol = ExchangeProtocol(np.array([self._place]), z, unlinked, self._r)
-        self._protocol.states = ExchangeStates(
-            *(np.array([[getattr(self.exchange, name)]]) for name in _FIELDS)
-        )
-        self._links = {}
-        self._slots = [complex(*slot) for slot in slots]
+        n = len(self._ids)
+        unlinked = [[False] * n for _ in range(n)]
+        self._shape = Shape([complex(*slot) for slot in slots], unlinked, ranks(n), self._r)
+        self._part, self._links = NO_PART, {}
 
     def rejoin(self, now: float) -> None:
         """After a restart in flight: the role that none of the others has, and a version that was
@@ -141,25 +138,23 @@ class SlotExchange:
             links: N_i of every agent by id.
             new: offers may be made and taken.
         """
-        protocol = self._protocol
-        if protocol is None or now < self._due_s:
+        shape = self._shape
+        if shape is None or now < self._due_s:
             return None
         self._due_s = now + EVERY_S
-        if self._at_rest(protocol) and not (new and self._may_exchange(now, own_m)):
+        if self._at_rest() and not (new and self._may_exchange(now, own_m, shape)):
             return None
         if links is not self._links:
             self._links = links
-            protocol.links = np.array(
-                [[j in links.get(i, ()) for j in self._ids] for i in self._ids]
-            )[..., None]
+            linked = [[j in links.get(i, ()) for j in self._ids] for i in self._ids]
+            self._shape = shape = shape._replace(links=linked)
         before = self.exchange.role
-        points, told, age_s, fresh = self._heard(now, flying)
-        own = np.array(own_m)[:, None, None] / self._unit_m
-        changed = protocol.step(now, own, points, told, age_s, fresh, np.array([[new]]))
-        self.exchange = ExchangeState(
-            *(int(getattr(protocol.states, name)[0, 0]) for name in _FIELDS)
+        heard = self._heard(now, own_m, flying)
+        said, self._part = took_part(
+            now, self._place, Said(*_ROW(self.exchange)), self._part, shape, *heard, new
         )
-        if not changed.any():
+        self.exchange = ExchangeState(**said._asdict())
+        if said.role == before:
             return None
         # An agent that takes an offer takes a role that its partner still has; an agent that is
         # answered takes the role of a partner that already has ours.
@@ -174,11 +169,12 @@ class SlotExchange:
         self.hear()
         return partner
 
-    def _at_rest(self, protocol: ExchangeProtocol) -> bool:
+    def _at_rest(self) -> bool:
         """There is no exchange to bring to its end, and no other agent has the own role: a round
         without offers changes nothing."""
         own, role, version = self.exchange, self.exchange.role, self.exchange.version
-        if own.offer_to >= 0 or own.lock >= 0 or not protocol.at_rest:
+        part = self._part
+        if own.offer_to >= 0 or own.lock >= 0 or part.partner >= 0 or part.twins_s < math.inf:
             return False
         return not any(
             said.role == role or (said.answer_to == self._place and said.answer_version == version)
@@ -186,10 +182,10 @@ class SlotExchange:
             if agent != self._own
         )
 
-    def _may_exchange(self, now: float, own_m: Point) -> bool:
+    def _may_exchange(self, now: float, own_m: Point, shape: Shape) -> bool:
         """An agent offers to this one, or this one may offer to another: nearly always neither, and
         the round, which costs as much as the law, is left out."""
-        own, slot = complex(*own_m), self._slots[self.exchange.role]
+        own, slot = complex(*own_m), shape.slots[self.exchange.role]
         for agent, state in self._heard_of.items():
             said = self._said[agent]
             if said.offer_to == self._place:
@@ -198,36 +194,28 @@ class SlotExchange:
                 ahead_s = min(self._age(agent, now), PREDICT_S)
                 ahead = complex(*state.stop_point_m) + complex(*state.setpoint_mps) * ahead_s
                 apart = (own - ahead) / self._unit_m
-                gain = (apart.conjugate() * (slot - self._slots[said.role])).real
+                gain = (apart.conjugate() * (slot - shape.slots[said.role])).real
                 if gain < WORTH + _ROUNDING and abs(apart) < self._r + _ROUNDING:
                     return True
         return False
 
     def _heard(
-        self, now: float, flying: FormationKey
-    ) -> tuple[np.ndarray, ExchangeStates, np.ndarray, np.ndarray]:
-        """Points (2, 1, n, 1) [units], what was said, its age and whether it counts (1, n, 1), in
-        the plan's order."""
-        n = len(self._ids)
-        points, age_s = np.zeros((2, 1, n, 1)), np.full((1, n, 1), _UNHEARD_S)
-        fresh = np.zeros((1, n, 1), dtype=np.bool_)
+        self, now: float, own_m: Point, flying: FormationKey
+    ) -> tuple[list[complex], list[Said], list[float], list[bool]]:
+        """Of all agents in the plan's order: the own stop point minus theirs [units], what they
+        said, its age and whether it counts."""
+        own, n = complex(*own_m), len(self._ids)
+        apart, age_s, fresh = [0j] * n, [_UNHEARD_S] * n, [False] * n
         self._said[self._own] = self.exchange
-        told = ExchangeStates(
-            *np.array([_ROW(self._said[i]) for i in self._ids]).T[:, None, :, None]
-        )
-        if not self._heard_of:
-            return points, told, age_s, fresh
-        states = self._heard_of.values()
-        places = [self._places[agent] for agent in self._heard_of]
-        age = np.array([self._age(agent, now) for agent in self._heard_of])
-        track = np.array([state.stop_point_m + state.setpoint_mps for state in states]).T
-        ahead = track[:2] + track[2:] * np.minimum(age, PREDICT_S)
-        points[:, 0, places, 0] = ahead / self._unit_m
-        age_s[0, places, 0] = age
-        same = [(s.step, s.override) == flying[1:] and s.phase is Phase.FLY for s in states]
-        late = [self._peers.late_s(agent, now) for agent in self._heard_of]
-        fresh[0, places, 0] = np.array(same) & (age <= FRESH_S + np.array(late))
-        return points, told, age_s, fresh
+        told = [Said(*_ROW(self._said[i])) for i in self._ids]
+        for agent, state in self._heard_of.items():
+            place, age = self._places[agent], self._age(agent, now)
+            ahead_s = min(age, PREDICT_S)
+            ahead = complex(*state.stop_point_m) + complex(*state.setpoint_mps) * ahead_s
+            apart[place], age_s[place] = (own - ahead) / self._unit_m, age
+            if (state.step, state.override) == flying[1:] and state.phase is Phase.FLY:
+                fresh[place] = age <= FRESH_S + self._peers.late_s(agent, now)
+        return apart, told, age_s, fresh
 
     def _age(self, agent: int, now: float) -> float:
         """Age of the newest state [s]; of an agent that has left: as if it was never heard."""

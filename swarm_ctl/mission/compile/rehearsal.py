@@ -7,24 +7,30 @@ as long (docs/pages/safety.md#the-envelope).
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from swarm_ctl.core.kernel import align
-from swarm_ctl.core.law.response_estimate import ResponseEstimate
-from swarm_ctl.core.law.stop_point import Coast, pending
-from swarm_ctl.core.model.arrays import MANY, Bools, Complex, Floats, complex_of_last
+from swarm_ctl.core.kernel.coast import coasted
+from swarm_ctl.core.kernel.constraints import Other, constrains, fits, kept, margins_of, tight
+from swarm_ctl.core.kernel.decide import Link, Own, decided
+from swarm_ctl.core.kernel.law import Law, Pair, terms
+from swarm_ctl.core.kernel.program import Row
+from swarm_ctl.core.kernel.release import NO_RELEASE, noted, swirled, turned
+from swarm_ctl.core.kernel.response import (
+    compared,
+    model_of,
+    response_s,
+    steered,
+    stop_point,
+    unknown,
+)
+from swarm_ctl.core.kernel.wish import limited
+from swarm_ctl.core.model.arrays import Bools, Floats, complex_of, plane_of
 from swarm_ctl.core.model.plan import Compensation, Plan
 from swarm_ctl.core.model.steps.form import FormStep
-from swarm_ctl.core.safety.batch_safety_filter import (
-    BatchHeard,
-    BatchLinks,
-    BatchPeers,
-    BatchSafetyFilter,
-)
-from swarm_ctl.core.safety.constraints import Margins
 from swarm_ctl.own_laws import law_of
 
 
@@ -41,85 +47,168 @@ class Rehearsal:
     def __init__(
         self, plan: Plan, step: FormStep, points: Floats, links: Sequence[tuple[int, ...]]
     ) -> None:
-        self._plan, self._tick_s, self._unit_m = plan, plan.tick_s, plan.unit_m
-        ids = [agent.id for agent in plan.agents]
-        count, model = len(ids), plan.response
-        self.linked: Bools = np.array([[j in near for j in ids] for near in links])
+        self._plan, self._unit_m = plan, plan.unit_m
+        self._ids = [agent.id for agent in plan.agents]
+        count, of = len(self._ids), plan.law
+        self.linked: Bools = np.array([[j in near for j in self._ids] for near in links])
         """j in N_i (n, n)."""
-        self._slots = np.array(step.slots, dtype=np.float64)
-        self._pairs = ~np.eye(count, dtype=bool)
-        self._lower = np.triu(np.ones((count, count), dtype=bool), 1)
-        self._law = law_of(plan.law)
-        margins = Margins.of(plan.law, model, plan.limits.speed_mps, plan.unit_m)
-        self._filter = BatchSafetyFilter(
-            plan.safety,
-            plan.law,
-            margins.in_units(plan.unit_m),
-            plan.tick_s,
-            np.array(ids)[:, None],
-        )
-        slots = complex_of_last(self._slots)[:, None]
-        self._links = BatchLinks(self.linked[..., None], slots, slots[None])
-        # each vehicle: place and velocity (n, 1) [m, m/s], and the setpoints in its dead time
-        self._place = complex_of_last(points)[:, None] * plan.unit_m
-        self._velocity = np.zeros_like(self._place)
-        self._setpoint = np.zeros_like(self._place)
-        self._under_way = deque([self._velocity] * pending(model, plan.tick_s))
-        self._coast = Coast(model, plan.tick_s, np.maximum)
-        self._estimate = ResponseEstimate(model, plan.tick_s, self._velocity, MANY)
+        self._slots = complex_of(np.array(step.slots, dtype=np.float64)).tolist()
+        self._own_law = law_of(of) if of.own else None
+        self._law = Law(of.r, of.r_out, of.r_in, of.h, of.delta_l, of.delta_a)
+        speed_mps, unit_m = plan.limits.speed_mps, plan.unit_m
+        self._margins = margins_of(of, plan.response, speed_mps, unit_m, unit_m)
+        self._model = model_of(plan.response, plan.tick_s)
+        # each vehicle [m, m/s]
+        self._place = (complex_of(points) * unit_m).tolist()
+        self._velocity = [0j] * count
+        self._setpoint = [0j] * count
+        self._sent = [[0j] * self._model.remembered for _ in self._ids]
+        self._estimate = [unknown(self._model)] * count
+        self._release = [NO_RELEASE] * count
+        slots = np.array(self._slots)
+        gaps = np.abs(slots[:, None] - slots)
+        self._guarded = self.linked & fits(gaps, self._margins)
+        self._tight: Bools = np.asarray(tight(gaps, self._margins))
+        self._pairs: list[Pair] = []
+        self._rows: list[Row] = []
 
     @property
     def points(self) -> Floats:
         """Where the vehicles are (n, 2) [units]."""
-        return _plane(self._place / self._unit_m)[..., 0].T
+        return plane_of(np.array(self._place, dtype=np.complex128) / self._unit_m)
 
     def tick(self) -> None:
         """Decide and fly one tick; one agent alone is in its shape wherever it is."""
         if len(self._place) == 1:
             return
-        found = self._estimate.stop_point(self._place, self._velocity)
-        stop: Complex = np.asarray(found, dtype=np.complex128) / self._unit_m
+        unit_m, model = self._unit_m, self._model
+        stops = []
+        for i, (place, velocity) in enumerate(zip(self._place, self._velocity, strict=True)):
+            found = compared(self._estimate[i], place, velocity, model)
+            self._estimate[i] = found
+            stops.append(stop_point(found, place, velocity, self._sent[i], model) / unit_m)
         plain = self._plan.compensation is Compensation.NONE
-        consensus, avoidance = self._terms(self.points if plain else _plane(stop)[..., 0].T)
-        flown = self._filter.velocity(consensus, avoidance, self._peers(stop), self._links)
-        self._setpoint = flown * self._unit_m
-        self._estimate.sent(self._setpoint)
-        self._under_way.append(self._setpoint)
-        self._place, self._velocity = self._coast.tick(
-            self._place, self._velocity, self._under_way.popleft()
-        )
+        points = [place / unit_m for place in self._place] if plain else stops
+        apart = np.abs(np.subtract.outer(stops, stops))
+        np.fill_diagonal(apart, np.inf)
+        wishes = self._terms(points)
+        flown = [self._flown(i, stops, apart[i], *wishes[i]) for i in range(len(stops))]
+        for i, velocity in enumerate(flown):
+            setpoint = self._setpoint[i] = velocity * unit_m
+            count = self._estimate[i].sent
+            self._estimate[i] = steered(self._estimate[i], setpoint, self._sent[i], model)
+            acting = self._sent[i][(count - model.pending) % model.remembered]
+            self._place[i], self._velocity[i] = coasted(
+                self._place[i], self._velocity[i], acting, 1.0, model.coast
+            )
 
-    def _terms(self, points: Floats) -> tuple[Complex, Complex]:
-        """The law's consensus, with the mean-error feedback, and its avoidance (n, 1)
+    def _terms(self, points: list[complex]) -> list[tuple[complex, complex]]:
+        """The law's consensus, with the mean-error feedback, and its avoidance of each agent
         [units/s]."""
-        plan, slots, count = self._plan, self._slots, len(points)
-        # every agent hears all points as they are: row i is what agent i sees
-        others = np.broadcast_to(points, (count, count, 2))
-        other_slots = np.broadcast_to(slots, (count, count, 2))
-        found = self._law(
-            *(points, slots, others, other_slots),
-            *(self.linked, self._pairs, self._lower, plan.law),
-        )
-        consensus = complex_of_last(found.consensus) * plan.kappa
-        if plan.safety.align:
-            errors = complex_of_last(points - slots)
-            consensus += align.RATE * (errors.mean() - errors)
-        return consensus[:, None], complex_of_last(found.avoidance)[:, None] * plan.kappa
+        plan, count = self._plan, len(points)
+        errors = [point - slot for point, slot in zip(points, self._slots, strict=True)]
+        total = sum(errors)
+        found = self._own_terms(points) if self._own_law is not None else self._paper_terms(points)
+        wishes = []
+        for error, (consensus, avoidance) in zip(errors, found, strict=True):
+            wish = consensus * plan.kappa
+            if plan.safety.align:
+                wish += align.pull(error, total - error, count - 1)
+            wishes.append((wish, avoidance * plan.kappa))
+        return wishes
 
-    def _peers(self, stop: Complex) -> BatchPeers:
-        """What all agents know of each other now; `stop` (n, 1) [units]."""
-        points, shape = _plane(stop), (1, *stop.shape)
-        response_s = np.asarray(self._estimate.response_s)
-        known = BatchHeard(
-            (self._setpoint / self._unit_m)[None],
-            np.zeros(shape),
-            np.ones(shape, dtype=np.bool_),
-            np.ones(shape, dtype=np.bool_),
-            response_s[None],
-        )
-        doubt_s = np.asarray(self._estimate.doubt_s)
-        return BatchPeers(points, points[:, None], known, doubt_s, response_s)
+    def _paper_terms(self, points: list[complex]) -> list[tuple[complex, complex]]:
+        """Of each agent; those that are neither neighbours nor close are not asked for."""
+        at, found = np.array(points), []
+        close = np.abs(at[:, None] - at) <= self._law.r_out * (1.0 + 1e-9)
+        minded = self.linked | close
+        np.fill_diagonal(minded, val=False)
+        for i, point in enumerate(points):
+            places = np.flatnonzero(minded[i]).tolist()
+            linked = self.linked[i]
+            consensus, avoidance, _ = terms(
+                point,
+                self._slots[i],
+                [points[j] for j in places],
+                [self._slots[j] for j in places],
+                [bool(linked[j]) for j in places],
+                [True] * len(places),
+                [i < j for j in places],
+                self._law,
+                self._pairs,
+            )
+            found.append((consensus, avoidance))
+        return found
 
+    def _own_terms(self, points: list[complex]) -> list[tuple[complex, complex]]:
+        """An own law's, agent by agent, as agents call it."""
+        assert self._own_law is not None  # noqa: S101
+        count, found = len(points), []
+        at, slots = plane_of(np.array(points)), plane_of(np.array(self._slots))
+        place = np.arange(count)
+        for i in range(count):
+            others = place != i
+            result = self._own_law(
+                *(at[[i]], slots[[i]], at[others][None], slots[others][None]),
+                *(self.linked[i, others][None], np.ones((1, count - 1), dtype=np.bool_)),
+                *((i < place[others])[None], replace(self._plan.law)),
+            )
+            consensus, avoidance = (
+                complex(*term[0].tolist()) for term in (result.consensus, result.avoidance)
+            )
+            found.append((consensus, avoidance))
+        return found
 
-def _plane(vectors: Complex) -> Floats:
-    return np.stack((vectors.real, vectors.imag))
+    def _flown(
+        self, i: int, stops: list[complex], apart: Floats, consensus: complex, avoidance: complex
+    ) -> complex:
+        """What one agent flies [units/s], for the law's terms."""
+        safety, margins, tick_s = self._plan.safety, self._margins, self._plan.tick_s
+        wish, agent = consensus + avoidance, self._ids[i]
+        if safety.release:
+            if consensus and avoidance:
+                wish = consensus + swirled(consensus, avoidance)
+            wish, self._release[i] = turned(
+                self._release[i], wish, consensus, agent, margins.speed, tick_s
+            )
+        wish = limited(wish, margins.speed)
+        if safety.filter:
+            others, links = self._others(i, stops, apart), self._links(i, stops, apart)
+            estimate = self._estimate[i]
+            own = Own(estimate.doubt_s, response_s(estimate, self._model), 0j)
+            wish = decided(
+                wish, others, len(others), links, len(links), own, margins, self._rows
+            ).velocity
+        if safety.release:
+            self._release[i] = noted(self._release[i], consensus, wish, margins.speed, tick_s)
+        return wish
+
+    def _others(self, i: int, stops: list[complex], apart: Floats) -> list[Other]:
+        """The aircraft that may constrain this agent, whose news is of this very tick."""
+        margins, unit_m, found = self._margins, self._unit_m, []
+        for j in np.flatnonzero(apart < margins.keep_out + margins.reach).tolist():
+            setpoint, theirs_s = (
+                self._setpoint[j] / unit_m,
+                response_s(self._estimate[j], self._model),
+            )
+            known = (setpoint, 0.0, True, True)
+            if constrains(float(apart[j]), *known, margins.reach, margins):
+                lower = self._ids[i] < self._ids[j]
+                found.append(
+                    Other(self._ids[j], lower, stops[i] - stops[j], *known, theirs_s, True)
+                )
+        return found
+
+    def _links(self, i: int, stops: list[complex], apart: Floats) -> list[Link]:
+        """The links that the shape keeps and that are long."""
+        if not self._plan.safety.guard:
+            return []
+        margins, unit_m = self._margins, self._unit_m
+        guarded = self._guarded[i] & (apart > margins.guards_from)
+        if self._release[i].left_s > 0.0:
+            guarded &= ~self._tight[i]
+        return [
+            Link(self._ids[j], stops[i] - stops[j], self._setpoint[j] / unit_m, 0j, True)
+            for j in np.flatnonzero(guarded).tolist()
+            if kept(float(apart[j]), margins)
+        ]

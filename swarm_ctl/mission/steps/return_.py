@@ -6,10 +6,10 @@ import math
 from typing import ClassVar, Final
 
 from swarm_ctl.core.agent.return_to_launch import return_height_m
+from swarm_ctl.core.kernel.constraints import margins_of
 from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.return_ import ReturnStep
-from swarm_ctl.core.safety.constraints import Margins
 from swarm_ctl.mission.sections.section import Timeout
 from swarm_ctl.mission.steps.autopilot_times import UpAndDown
 from swarm_ctl.mission.steps.land import fastest_s, generous_s
@@ -59,7 +59,7 @@ class Return(StepKind[ReturnSection, ReturnStep]):
         """All fly at once; who starts within the filter's distance of another waits until that one
         is down."""
         plan, limits, speed = at.plan, at.plan.limits, at.plan.policies.return_speed_mps
-        apart_m = Margins.of(plan.law, plan.response, limits.speed_mps, plan.unit_m).keep_out
+        apart_m = margins_of(plan.law, plan.response, limits.speed_mps, plan.unit_m).keep_out
         heights = [return_height_m(plan, agent.id) for agent in plan.agents]
         places, starts = zip(*self.ways_m(step, at), strict=True)
         home_s = [

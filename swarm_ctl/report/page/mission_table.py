@@ -6,20 +6,19 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-import numpy as np
 from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from swarm_ctl.core.agent.progress import step_name
+from swarm_ctl.core.kernel.coast import stop_distance
+from swarm_ctl.core.kernel.constraints import margins_of
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import closest_pair
-from swarm_ctl.core.law.stop_point import stop_distance
 from swarm_ctl.core.model.fleet import Fleet, SigningPolicy, VehicleKind
 from swarm_ctl.core.model.plan import AgentPlan, Plan, Point
 from swarm_ctl.core.model.text import agents_named, ranges
 from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S
-from swarm_ctl.core.safety.constraints import Margins
 from swarm_ctl.core.swarm.hearing import mesh_words
 from swarm_ctl.core.swarm.radio import radio_words
 from swarm_ctl.mission.compile.forecast import StepForecast
@@ -129,7 +128,7 @@ def _facts(plan: Plan, full: bool, *, routed: bool) -> Iterator[str]:
     yield from _graph(plan, full)
     yield f"mesh     {mesh_words(len(plan.agents), routed=routed)}"
     yield from _closest(plan)
-    braking_m = float(stop_distance(np.array(limits.speed_mps), plan.response))
+    braking_m = stop_distance(limits.speed_mps, plan.response)
     stop_m = limits.speed_mps * plan.response.dead_time_s + braking_m
     yield (
         f"limits   {limits.speed_mps:g} m/s (stops within {stop_m:.1f} m),"
@@ -227,7 +226,7 @@ def _safety(plan: Plan) -> str:
     parts = plan.safety
     if not parts.filter:
         return "no filter: only the law keeps the vehicles apart"
-    margins = Margins.of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m)
+    margins = margins_of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m)
     named = (
         ("link guard", parts.guard),
         ("dead-lock release", parts.release),

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from rich.table import Table
 
-from swarm_ctl.core.law.formation_law import STATUSES
+from swarm_ctl.core.kernel.law import STATUSES
 from swarm_ctl.study.parameter_space import Cell, Study
 from swarm_ctl.study.rows import Row, read_rows
 from swarm_ctl.study.rows_table import share

@@ -13,8 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from rich.table import Table
 
-from swarm_ctl.core.law.formation_law import NARROW, cut_off
-from swarm_ctl.core.law.swarm_law import NearPairs
+from swarm_ctl.core.kernel.law import NARROW, Law, cut_off
 from swarm_ctl.core.model.arrays import Bools, Floats, Indices
 from swarm_ctl.core.model.plan import LawParameters
 from swarm_ctl.study.batch.batch import draw
@@ -55,39 +54,37 @@ class PairSteps:
 
     law: LawParameters
     parts: list[Floats] = field(default_factory=list)
-    _before: tuple[Indices, Floats, NearPairs] | None = None
+    _before: tuple[Indices, Floats, Floats] | None = None
 
-    def __call__(
-        self, time_s: float, place: Indices, position: Floats, near: NearPairs | None
-    ) -> None:
+    def __call__(self, time_s: float, place: Indices, position: Floats, pairs: Floats) -> None:
         """Take an iteration in."""
         del time_s
         if self._before is not None:
             self.parts.append(self._seen(*self._before, place, position))
-        self._before = None if near is None else (place, position, near)
+        self._before = (place, position, pairs)
 
     def _seen(
-        self, place: Indices, was: Floats, near: NearPairs, now_place: Indices, now: Floats
+        self, place: Indices, was: Floats, pairs: Floats, now_place: Indices, now: Floats
     ) -> Floats:
         """The last iteration's pairs in the missions that still fly: rows as in `Samples`."""
         kept = np.isin(place, now_place)
         moved = np.full(was.shape[1:], np.nan)
         moved[:, kept] = np.sqrt(((now - was[..., kept]) ** 2).sum(axis=0))
-        sides = len(near.numbers.sigma)
-        agents = np.stack((near.first, near.second))[:sides]
-        x, numbers = np.broadcast_to(near.distance, agents.shape), near.numbers
+        mission, agent, other = np.nonzero(pairs[..., 0] > 0.0)
+        x, sigma, sigma_lb, d, _, status = pairs[mission, agent, other].T
         columns = (
             x,
-            numbers.sigma,
-            numbers.sigma_lb,
-            numbers.status <= NARROW,
-            moved[agents, near.mission],
-            self.law.r / np.where(np.isnan(numbers.d), 2.0, numbers.d) - x / 2,
+            sigma,
+            sigma_lb,
+            status <= NARROW,
+            moved[agent, mission],
+            self.law.r / np.where(np.isnan(d), 2.0, d) - x / 2,
             self.law.r / 2.0 - x / 2,
-            np.broadcast_to(place[near.mission], agents.shape),
+            place[mission],
         )
-        flying = np.broadcast_to(kept[near.mission], agents.shape)
-        return np.stack([np.asarray(column, dtype=np.float64)[flying] for column in columns])
+        return np.stack([np.asarray(column, dtype=np.float64) for column in columns])[
+            :, kept[mission]
+        ]
 
     def samples(self) -> Samples:
         """All pair-steps so far."""
@@ -168,7 +165,9 @@ def _root(seen: Samples, tuned: Bools, law: LawParameters) -> tuple[int, str, st
     if np.count_nonzero(chosen) < _FEWEST:
         return int(np.count_nonzero(chosen)), "-", "not tested"
     x, sigma = seen.distance[chosen], seen.sigma_lb[chosen]
-    root = cut_off(x, law) / (sigma + x * x)
+    numbers = Law(law.r, law.r_out, law.r_in, law.h, law.delta_l, law.delta_a)
+    g = np.array([cut_off(each, numbers) for each in x.tolist()])
+    root = g / (sigma + x * x)
     low, high = np.percentile(sigma * root, (5, 95))
     text = (
         f"sigma_lb alpha_ub from {low:.3g} to {high:.3g} (5 % to 95 %);"

@@ -17,7 +17,8 @@ from rich.console import Console
 
 from swarm_ctl.core.model.plan import LawParameters
 from swarm_ctl.study.batch.batch import Batch, draw, unit_shape
-from swarm_ctl.study.batch.batch_flight import STUCK_MPS, fly
+from swarm_ctl.study.batch.batch_flight import fly
+from swarm_ctl.study.batch.flight import STUCK_MPS
 from swarm_ctl.study.executor import run_study
 from swarm_ctl.study.paper.cases import collisions_table, failing_cases_table
 from swarm_ctl.study.paper.claims import KAPPA, TABLE_I_H, claims_table

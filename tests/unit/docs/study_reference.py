@@ -18,9 +18,11 @@ ROOT: Final = Path(__file__).parents[3]
 COMMAND: Final = "python -m tests.unit.docs.study_reference > docs/pages/studies.md"
 HEAD: Final = f"""# Studies
 
-A study flies thousands of missions at once, without processes: the agents' own law, safety filter
-and slot exchange, and the simulator's own vehicles, in arrays. This page is made from the code by
-`{COMMAND}`.
+A study flies thousands of missions, without processes: the agents' own law, safety filter and slot
+exchange (`swarm_ctl/core/kernel/`), and the simulator's own vehicles. numba compiles them, once
+after each change, into `~/.cache/swarm-ctl` (or `XDG_CACHE_HOME`). Without numba the same
+functions fly the same missions a hundred times slower, and `study` says so. This page is made from
+the code by `{COMMAND}`.
 
 ```sh
 swarm-ctl study studies/mix.yaml                                 # a file, the rows in mix.csv

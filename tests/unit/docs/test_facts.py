@@ -11,10 +11,9 @@ from typer.main import get_command
 
 from swarm_ctl.cli.app import app
 from swarm_ctl.core.control.navigation import DRIFT_MAX_MPS
-from swarm_ctl.core.law import mean_error_feedback
+from swarm_ctl.core.kernel import align, constraints
 from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.plan import Compensation, Plan
-from swarm_ctl.core.safety import constraints
 from swarm_ctl.core.swarm import gain_update
 from swarm_ctl.mavlink.autopilots.timing import TAKEOFF_MPS
 from swarm_ctl.mission.checks.envelope import ENVELOPE
@@ -107,7 +106,7 @@ def test_the_constants_of_the_filter_are_those_of_the_safety_page() -> None:
     assert f"{c._SPARE - 1:.0%} above `r_in`".replace("%", " %") in page
     assert f"a lag {c._LAG_ERROR - 1:.0%} longer".replace("%", " %") in page
     assert f"`{c.RATE:g} A <= 1/e`, which is {1 / (math.e * c.RATE):.2f} s" in page
-    assert f"at {mean_error_feedback.RATE:g} a second towards the mean error" in TEXT["law"]
+    assert f"at {align.RATE:g} a second towards the mean error" in TEXT["law"]
 
 
 def test_each_mission_is_in_the_list() -> None:

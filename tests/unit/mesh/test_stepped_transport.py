@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 
-from swarm_ctl.core.swarm.hearing import FOLLOW_TICKS
+from swarm_ctl.core.kernel.boundary import FOLLOW_TICKS
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.keys import Qos
 from swarm_ctl.mesh.stepped_transport import INDEX, Marked, MarkedSource, SteppedTransport

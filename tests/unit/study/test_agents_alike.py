@@ -13,21 +13,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarm_ctl.core.control.controller import Controller
-from swarm_ctl.core.model.arrays import Floats
+from swarm_ctl.core.kernel.exchange import Said
 from swarm_ctl.core.model.messages import AgentState, ExchangeState, Phase
 from swarm_ctl.core.model.plan import Plan, Point, Safety
-from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S
-from swarm_ctl.core.swarm.exchange_protocol import ExchangeStates
+from swarm_ctl.core.model.timeouts import FAR_LATE_S, FRESH_S, NEIGHBOUR_S
 from swarm_ctl.core.swarm.hearing import Hearing
 from swarm_ctl.core.swarm.slot_exchange import SlotExchange
 from swarm_ctl.core.swarm.snapshot import Formation, OtherAircraft, PeerSnapshot
 from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.study.batch import flight
 from swarm_ctl.study.batch.batch import Batch, blocks, draw
-from swarm_ctl.study.batch.batch_flight import _BatchFlight
-from swarm_ctl.study.batch.batch_slot_exchange import BatchSlotExchange
-from swarm_ctl.study.batch.lossy_channel import HeardStates, LossyChannel
 from swarm_ctl.study.parameter_space import Range, Study, value
 from tests.on_demand import on_demand
+from tests.unit.study.flown import Flown
 
 HEXAGON: Plan = load(Path(__file__).parents[3] / "missions" / "hexagon.yaml").plan
 N, MISSIONS = len(HEXAGON.agents), 3
@@ -53,17 +51,19 @@ def missions(**settings_: Any) -> Batch:
 
 
 def peer(
-    i: int, heard: HeardStates, receiver: int, k: int, response_s: float = 0.0
+    flown: Flown, k: int, i: int, j: int, exchange: ExchangeState | None = None
 ) -> OtherAircraft:
-    """What agent `receiver` of mission k knows of agent i."""
-    row = receiver if heard.points.shape[1] > 1 else 0
-    at, setpoint = heard.points[:, row, i, k], heard.velocity[:, row, i, k]
-    age_s = float(heard.age_s[row, i, k])
-    late_s = heard.late_s if isinstance(heard.late_s, float) else float(heard.late_s[row, i, k])
-    state = state_of(i, at, setpoint)
+    """What agent i of mission k knows of agent j."""
+    q, setup = flown.pair[k, i, j], flown.setup
+    at, setpoint = complex(q.told), complex(q.flies)
+    age_s = float((flown.tick - q.sent_at) * setup.tick_s)
+    far = setup.far and q.heard_from > flight.since(setup, flown.tick)
+    late_s = FAR_LATE_S if far else 0.0
     fresh, followed = age_s <= FRESH_S + late_s, age_s <= NEIGHBOUR_S + late_s
+    state = state_of(j, (at.real, at.imag), (setpoint.real, setpoint.imag), exchange)
+    response_s = setup.model.dead_time_s + setup.model.lag_s + float(flown.agent[k, j].late_s)
     return OtherAircraft(
-        *(IDS[i], state, complex(*at), complex(*at), complex(*setpoint), age_s, age_s),
+        *(IDS[j], state, at, at, setpoint, age_s, age_s),
         *(fresh, followed, age_s <= FRESH_S, ("all", 1, 0) if fresh else None),
         response_s=response_s,
         far=late_s > 0.0,
@@ -80,13 +80,16 @@ def state_of(i: int, at: Any, setpoint: Any, exchange: ExchangeState | None = No
     )
 
 
-def formation(flight: _BatchFlight, i: int, k: int) -> Formation:
-    """As agent i hears of it; the same object for as long as the slots last."""
-    told = flight._told_slots[:, min(i, flight._told_slots.shape[1] - 1), :, k]
-    slots: dict[int, Point] = {IDS[j]: (told[0, j], told[1, j]) for j in range(told.shape[1])}
-    slots[IDS[i]] = (flight._slots[0, i, k], flight._slots[1, i, k])
-    near = frozenset(IDS[j] for j in np.flatnonzero(flight._neighbours[i, :, k]))
+def formation(flown: Flown, k: int, i: int) -> Formation:
+    """As agent i of mission k hears of it; the same object for as long as the slots last."""
+    slots = {IDS[j]: plane(q.slot) for j, q in enumerate(flown.pair[k, i])}
+    slots[IDS[i]] = plane(flown.agent[k, i].slot)
+    near = frozenset(IDS[j] for j in np.flatnonzero(flown.pair["link"][k, i]))
     return Formation(slots, near, 0j, ("all", 1, 0))
+
+
+def plane(vector: complex) -> Point:
+    return (float(vector.real), float(vector.imag))
 
 
 @pytest.mark.parametrize(
@@ -102,28 +105,14 @@ def formation(flight: _BatchFlight, i: int, k: int) -> Formation:
     ],
 )
 def test_a_study_commands_what_agents_command(
-    start: str,
-    slots: str,
-    safety: str,
-    vehicle: str,
-    seed: int,
-    n: int,
-    monkeypatch: pytest.MonkeyPatch,
+    start: str, slots: str, safety: str, vehicle: str, seed: int, n: int
 ) -> None:
     """Law, average, swirl, release, filter: to 1e-9, with late and lost news and silent agents; the
     law's rate is bounded where the vehicle is slow. Agents of a large swarm find the same peers
     near, and say their far words at the same ticks."""
     asked = {"start": start, "slots": slots, "safety": safety, "vehicle": vehicle, "seed": seed}
     batch = missions(n=(n,), **asked)
-    cell, flight, heard = batch.cell, _BatchFlight(batch), list[HeardStates]()
-    assert flight._channel is not None
-    inner = flight._channel.exchange
-
-    def overheard(*sent: Any) -> HeardStates:
-        heard.append(inner(*sent))
-        return heard[-1]
-
-    monkeypatch.setattr(flight._channel, "exchange", overheard)
+    cell, flown = batch.cell, Flown(batch)
     plan = replace(
         HEXAGON,
         unit_m=1.0,
@@ -135,60 +124,55 @@ def test_a_study_commands_what_agents_command(
     )
     # of a large swarm, some of the agents
     some = range(0, n, max(1, n // N))
-    agents = {(i, k): Controller(plan, IDS[i], cell.model) for i in some for k in range(MISSIONS)}
+    agents = {(k, i): Controller(plan, IDS[i], cell.model) for i in some for k in range(MISSIONS)}
     reach_m = agents[0, 0].safety_filter.reach_m
-    hearings = {(i, k): Hearing(plan, IDS[i], reach_m) for i, k in agents if n > N}
+    hearings = {(k, i): Hearing(plan, IDS[i], reach_m) for k, i in agents if n > N}
     formations: dict[tuple[int, int], Formation] = {}
-    near, came, went = np.zeros(0, dtype=np.bool_), 0, 0
+    slots, came, went = np.zeros(0), 0, 0
     for tick in range(160):
-        points, live, told = flight._motion.points(), tick < flight._silent_from, flight._told_slots
-        wish, _ = flight._wish(tick, points, live)
-        response_s = flight._motion.response_s
-        if not formations or told is not flight._told_slots:
-            formations = {(i, k): formation(flight, i, k) for i, k in agents}
-        for (i, k), agent in agents.items():
-            if not live[i, k]:
+        flown.decide()
+        now_flown = np.concatenate([flown.pair["slot"], flown.agent["slot"][:, None]], axis=1)
+        if not np.array_equal(slots, now_flown):
+            slots = now_flown
+            formations = {(k, i): formation(flown, k, i) for k, i in agents}
+        wishes: dict[tuple[int, int], Point] = {}
+        for (k, i), agent in agents.items():
+            a = flown.agent[k, i]
+            if tick >= a.silent_from:
                 continue
-            agent.stop_point_m = agent.point_m = (float(points[0, i, k]), float(points[1, i, k]))
-            late_s = response_s[i, k] - cell.model.dead_time_s - cell.model.lag_s
+            agent.stop_point_m = agent.point_m = plane(a.point)
             agent.estimate.estimate = agent.estimate.estimate._replace(
-                doubt_s=float(flight._motion.doubt_s[i, k]), late_s=float(late_s)
+                doubt_s=float(a.doubt_s), late_s=float(a.late_s)
             )
-            others = tuple(peer(j, heard[-1], i, k, response_s[j, k]) for j in range(n) if j != i)
-            if hearings:
-                hold_hearing(flight, hearings[i, k], tick, (i, k), points, others)
-            flown = agent.form(PeerSnapshot(0.0, others), formations[i, k])
-            assert flown == pytest.approx(tuple(wish[:, i, k]), abs=1e-9)
-        flight._motion.move(flight._without_the_silent(tick, wish, live))
-        if flight._hearing is not None:
-            before, near = near if tick else flight._hearing.near, flight._hearing.near.copy()
-            came += int(np.count_nonzero(near & ~before))
-            went += int(np.count_nonzero(before & ~near))
-    assert flight._touched.sum() > 100
-    assert n == N or (came > 10 and went > 10 and not near.all())
+            others = tuple(peer(flown, k, i, j) for j in range(n) if j != i)
+            wishes[k, i] = agent.form(PeerSnapshot(0.0, others), formations[k, i])
+        flown.stage(flight.ACT)
+        for place, wish in wishes.items():
+            assert wish == pytest.approx(plane(flown.agent[place].wish), abs=1e-9)
+        known = {(k, i): [peer(flown, k, i, j) for j in range(n) if j != i] for k, i in hearings}
+        before, now = flown.pair["near"].copy(), flown.tick
+        flown.end()
+        for place, others_ in known.items():
+            if place in wishes:
+                hold_hearing(flown, hearings[place], now, place, others_)
+        came += int(np.count_nonzero(flown.pair["near"] & ~before))
+        went += int(np.count_nonzero(before & ~flown.pair["near"]))
+    assert flown.many.whole["touched"].sum() > 100
+    assert n == N or (came > 10 and went > 10 and not flown.pair["near"].all())
 
 
 def hold_hearing(
-    flight: _BatchFlight,
-    hearing: Hearing,
-    tick: int,
-    agent: tuple[int, int],
-    points: Floats,
-    others: tuple[OtherAircraft, ...],
+    flown: Flown, hearing: Hearing, tick: int, agent: tuple[int, int], others: list[OtherAircraft]
 ) -> None:
     """The agent's near peers, and its far words, are the study's."""
-    assert flight._hearing is not None
-    (i, k), now, n = agent, tick * flight._cell.tick_s, points.shape[1]
+    (k, i), now = agent, tick * flown.setup.tick_s
     heard = [SimpleNamespace(id=o.id, state=o.state, earliest_s=now - o.age_s) for o in others]
-    always = {IDS[j] for j in np.flatnonzero(flight._hearing._always[i, :, k])}
-    own = (float(points[0, i, k]), float(points[1, i, k]))
-    near = hearing.look(now, own, heard, always)
+    always = {IDS[j] for j in np.flatnonzero(flown.pair["always"][k, i])}
+    near = hearing.look(now, plane(flown.agent[k, i].point), heard, always)
     if near is not None:
-        assert near == {IDS[j] for j in np.flatnonzero(flight._hearing.near[i, :, k])} - {IDS[i]}
-    strangers = ~flight._hearing.near[:, i, k]
-    strangers &= flight._hearing.hears(np.full((1, n, 1), tick))[:, i, k]
+        assert near == {IDS[j] for j in np.flatnonzero(flown.pair["near"][k, i])} - {IDS[i]}
     # all agents speak when they begin to hear
-    assert hearing.says(now) == strangers.any() or tick == 0
+    assert hearing.says(now) == ((tick + i) % flown.setup.word == 0) or tick == 0
 
 
 class _Told:
@@ -218,43 +202,36 @@ class _Told:
 def test_a_study_exchanges_what_agents_exchange(seed: int) -> None:
     """Offers, locks, answers and roles are the same after every look, whatever is late, lost or
     silent."""
-    tick_s, random = 0.0625, np.random.default_rng(seed)  # four ticks are a look, exactly
-    batch = missions(n=(N,), slots=("random",), seed=seed, tick_s=tick_s, kappa=value(16.0))
-    study, channel = BatchSlotExchange(batch), LossyChannel(batch, tick_s)
+    tick_s = 0.0625  # four ticks are a look, exactly
+    batch = missions(
+        n=(N,), slots=("random",), seed=seed, tick_s=tick_s, kappa=value(16.0), safety="exchange"
+    )
+    flown = Flown(batch)
     plan = replace(HEXAGON, unit_m=1.0, law=batch.cell.law)
-    told = {(i, k): _Told(IDS[i]) for i in range(N) for k in range(MISSIONS)}
-    agents = {(i, k): SlotExchange(plan, plan.group, IDS[i], told[i, k]) for i, k in told}  # type: ignore[arg-type]
+    told = {(k, i): _Told(IDS[i]) for i in range(N) for k in range(MISSIONS)}
+    agents = {(k, i): SlotExchange(plan, plan.group, IDS[i], told[k, i]) for k, i in told}  # type: ignore[arg-type]
     links = [
         {IDS[i]: tuple(IDS[j] for j in np.flatnonzero(batch.links[i, :, k])) for i in range(N)}
         for k in range(MISSIONS)
     ]
-    for (_, k), agent in agents.items():
+    for (k, _), agent in agents.items():
         agent.begin([(float(z[0]), float(z[1])) for z in batch.slots[:, :, k].T])
     said = [{place: agent.exchange for place, agent in agents.items()}]
-    points, live_until = batch.starts.copy(), batch.silent_from(tick_s)
     for tick in range(160):
-        live = tick < live_until
-        velocity = random.uniform(-0.5, 0.5, points.shape)
-        heard = channel.exchange(tick, points, velocity)
-        assert study.look(tick, points, heard, live) == (tick % 4 == 0)
-        for (i, k), agent in agents.items():
+        flown.decide()
+        for (k, i), agent in agents.items():
             for j in range(N):
-                view = peer(j, heard, i, k)
-                sent = max(0, tick - round(view.age_s / tick_s))
-                assert view.state is not None
-                state = state_of(
-                    j, view.state.stop_point_m, view.state.setpoint_mps, said[sent][j, k]
-                )
-                told[i, k].known[IDS[j]] = (state, view.age_s)
-            if live[i, k]:
+                q = flown.pair[k, i, j]
+                known = peer(flown, k, i, j, said[max(0, q.sent_at)][k, j])
+                assert known.state is not None
+                told[k, i].known[IDS[j]] = (known.state, known.age_s)
+            a = flown.agent[k, i]
+            if tick < a.silent_from:
                 agent.hear()
-                own = (float(points[0, i, k]), float(points[1, i, k]))
-                agent.look(tick * tick_s, own, ("all", 1, 0), links[k], new=True)
-            for name in ExchangeStates.__dataclass_fields__:
-                theirs = getattr(study._exchange.states, name)[i, k]
-                assert getattr(agent.exchange, name) == theirs, (tick, i, k, name)
+                agent.look(tick * tick_s, plane(a.point), ("all", 1, 0), links[k], new=True)
+            theirs = Said(*flown.many.said[k, i].tolist())
+            assert agent.exchange == ExchangeState(**theirs._asdict()), (tick, i, k)
         said.append({place: agent.exchange for place, agent in agents.items()})
-        error = points - study.slots
-        pull = error.mean(axis=1, keepdims=True) - error
-        points = points + 0.1 * tick_s * pull + tick_s * velocity
-    assert study.count.sum() > 0
+        flown.stage(flight.ACT)
+        flown.end()
+    assert sum(len(agent.taken) for agent in agents.values()) == flown.many.whole["exchanged"].sum()

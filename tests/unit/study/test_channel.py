@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 
 from swarm_ctl.core.model.messages import AgentState, Phase
+from swarm_ctl.core.model.timeouts import FAR_LATE_S
 from swarm_ctl.core.swarm.clocks import PeerClock
 from swarm_ctl.core.swarm.peer import Peer
 from swarm_ctl.core.swarm.plausibility import BeliefLimits
+from swarm_ctl.study.batch import flight
 from swarm_ctl.study.batch.batch import Batch, blocks, draw
 from swarm_ctl.study.batch.batch_flight import fly
-from swarm_ctl.study.batch.batch_hearing import BatchHearing
-from swarm_ctl.study.batch.lossy_channel import LossyChannel
+from swarm_ctl.study.batch.missions import DRAWN
 from swarm_ctl.study.parameter_space import Range, Study
 from tests.unit.core.builders import plan
+from tests.unit.study.flown import Flown
 
 TICK_S = 0.05
 
@@ -38,43 +40,49 @@ def state(tick: int) -> AgentState:
 
 
 def test_states_that_overtake_each_other_are_heard_as_agents_hear_them() -> None:
-    """What the channel delivers is what `Peer` keeps of the same arrivals, tick by tick."""
+    """What is heard is what `Peer` keeps of the same arrivals, tick by tick."""
     batch = missions(delay_s="0:0.2", jitter_s=0.5, loss=0.2, spread="agent")
-    channel = LossyChannel(batch, TICK_S)
-    assert channel._jitter is not None
+    flown, mission = Flown(batch), 7
+    many, whole = flown.many, flown.many.whole[mission]
     ways: dict[tuple[int, int], list[tuple[int, int]]] = {}
     peers = {way: Peer(1, PeerClock(), BeliefLimits.of(plan())) for way in ((0, 1), (2, 3), (3, 0))}
     for peer in peers.values():
         peer.clock.answered(0.0, 0.0, 0.0, 0.0)
     overtaken = 0
     for tick in range(200):
-        sent = batch.starts + tick
-        heard = channel.exchange(tick, sent, np.zeros_like(sent))
-        place = tick % len(channel._jitter._late)
-        assert channel._losses is not None
+        flown.hear(batch.starts + tick)
         for (i, j), peer in peers.items():
-            if channel._losses._arrive[place, i, j, 7]:
-                late = int(channel._jitter._late[place, i, j, 7])
+            q = flown.pair[mission, i, j]
+            if not q.lost:
+                by_chance = whole.jitter * many.jitter[mission, tick % DRAWN, i, j]
+                late = round(flown.agent[mission, j].exact_delay + by_chance)
                 ways.setdefault((i, j), []).append((tick + late, tick))
             for _, told in [way for way in ways.get((i, j), []) if way[0] == tick]:
                 overtaken += peer.state is not None and told < peer.state.seq
                 peer.hear(state(told), tick * TICK_S)
             if peer.state is not None:
-                told_at = heard.points[0, i, j, 7] - batch.starts[0, j, 7]
+                told_at = q.told.real - batch.starts[0, j, mission]
                 assert told_at == pytest.approx(peer.state.seq)
-                age_s = heard.age_s[i, j, 7]
-                assert age_s == pytest.approx((tick - peer.state.seq) * TICK_S)
+                assert q.sent_at == peer.state.seq
     assert overtaken > 50
 
 
+def others(n: int) -> Any:
+    """Pairs of two (n, n)."""
+    return ~np.eye(n, dtype=bool)
+
+
+def ages_s(batch: Batch, ticks: int) -> Any:
+    """How old news are, tick by tick (ticks, m, n, n)."""
+    flown, found = Flown(batch), []
+    for _ in range(ticks):
+        flown.hear(batch.starts)
+        found.append(flown.age * TICK_S)
+    return np.array(found)
+
+
 def test_a_state_is_late_by_its_delay_and_at_most_its_jitter() -> None:
-    batch = missions(delay_s=0.1, jitter_s=0.2)
-    channel = LossyChannel(batch, TICK_S)
-    ages = []
-    for tick in range(100):
-        heard = channel.exchange(tick, batch.starts, np.zeros_like(batch.starts))
-        ages.append(heard.age_s[:, :, 3])
-    age_s = np.array(ages[20:])
+    age_s = ages_s(missions(delay_s=0.1, jitter_s=0.2), 100)[20:, 3][:, others(4)]
     assert age_s.min() == pytest.approx(0.1)
     assert age_s.max() <= 0.3 + 1e-9
     assert len(np.unique(np.round(age_s / TICK_S))) > 2
@@ -83,21 +91,23 @@ def test_a_state_is_late_by_its_delay_and_at_most_its_jitter() -> None:
 def test_each_agent_may_have_a_delay_of_its_own() -> None:
     """By sender, in the same mission."""
     batch = missions(delay_s="0:0.3", spread="agent")
-    channel = LossyChannel(batch, TICK_S)
-    for tick in range(40):
-        heard = channel.exchange(tick, batch.starts, np.zeros_like(batch.starts))
-    want = np.rint(batch.delay_s / TICK_S) * TICK_S
-    assert heard.age_s == pytest.approx(np.broadcast_to(want, heard.age_s.shape))
+    age_s = ages_s(batch, 40)[-1]
+    want = np.broadcast_to(np.rint(batch.delay_s / TICK_S).T[:, None] * TICK_S, age_s.shape)
+    assert age_s[:, others(4)] == pytest.approx(want[:, others(4)])
     assert (np.ptp(batch.delay_s, axis=0) > 0).all()
 
 
 @pytest.mark.parametrize(("loss", "burst_s"), [(0.2, 0.5), (0.05, 1.0), (0.6, 0.0), (0.3, 0.05)])
 def test_losses_come_in_bursts_and_keep_their_share(loss: float, burst_s: float) -> None:
     """The share that is asked for, and the mean length; without bursts that of single chances."""
-    batch = missions(loss=loss, burst_s=burst_s, missions=60)
-    channel = LossyChannel(batch, TICK_S)
-    assert channel._losses is not None
-    lost = np.array([~channel._losses.arrive(tick) for tick in range(3000)])
+    batch = missions(loss=loss, burst_s=burst_s, missions=60, limit_s=150.0, settle_s=300.0)
+    flown, each = Flown(batch), []
+    for _ in range(3000):
+        flown.draw()
+        flown.stage(flight.DECIDE)
+        flown.tick += 1
+        each.append(flown.pair["lost"][:, others(4)])
+    lost = np.array(each)
     starts = np.count_nonzero(lost[1:] & ~lost[:-1])
     assert lost.mean() == pytest.approx(loss, rel=0.05)
     want = max(burst_s / TICK_S, 1.0 / (1.0 - loss))
@@ -108,14 +118,12 @@ def test_losses_do_not_depend_on_the_missions_beside() -> None:
     """Jitter and bursts, too: the same row in another company hears the same."""
     batch = missions(jitter_s=0.2, loss=0.3, burst_s=0.4)
     some = np.array([3, 11])
-    whole, part = LossyChannel(batch, TICK_S), LossyChannel(batch.only(some), TICK_S)
+    whole, part = Flown(batch), Flown(batch.only(some))
     for tick in range(150):
         sent = batch.starts + tick
-        heard = whole.exchange(tick, sent, sent).points[..., some]
-        assert (heard == part.exchange(tick, sent[..., some], sent[..., some]).points).all()
-        if tick == 70:
-            part.only(np.array([False, True]))
-            some = some[1:]
+        whole.hear(sent)
+        part.hear(sent[..., some])
+        assert (whole.told[some] == part.told).all()
 
 
 @pytest.mark.parametrize(("given", "want"), [("1", 1), ("3", 3), ("0.5", 3), ("0.01", 1), ("9", 5)])
@@ -176,33 +184,35 @@ def test_far_news_is_as_old_as_far_words() -> None:
     ticks after it has come near; a far peer's word twice a second. The limits of age are later for
     far peers, and for those that came near a moment ago, as `Peer` has them."""
     batch = missions(n=18, missions=3, delay_s="0:0.1", area=12.0)
-    hearing = BatchHearing(batch)
-    channel = LossyChannel(batch, TICK_S, hearing)
+    flown = Flown(batch)
+    pair = flown.pair
     speed = np.where(np.arange(18) < 9, 0.05, -0.05)[:, None]
-    delay = np.rint(batch.delay_s[None] / TICK_S)
-    shape = (18, 18, 3)
-    near_since = np.where(hearing.near, -100.0, np.inf)
-    newest, came, went = np.zeros(shape), 0, 0
+    delay = np.rint(batch.delay_s / TICK_S).T[:, None]
+    near_since = np.where(pair["near"], -100.0, np.inf)
+    newest, came, went = np.zeros(pair.shape), 0, 0
     peers = [Peer(1, PeerClock(), BeliefLimits.of(plan())) for _ in range(18)]
-    for peer, near in zip(peers, hearing.near[0, :, 0], strict=True):
+    for peer, near in zip(peers, pair["near"][0, 0], strict=True):
         peer.near_s = -100.0 if near else np.inf
     for tick in range(400):
         points = batch.starts.copy()
         points[0] += (tick - 200) * speed
-        heard = channel.exchange(tick, points, np.zeros_like(points))
-        sent = np.broadcast_to(tick - delay, shape)
-        word = (sent + np.arange(18)[:, None]) % 10 == 0
-        arrives = word | (sent >= near_since + 5)
+        flown.hear(points)
+        sent = np.broadcast_to(tick - delay, pair.shape)
+        arrives = (sent + np.arange(18)) % 10 == 0
+        arrives |= sent >= near_since + 5
         newest = np.where(arrives, sent, newest)
-        assert heard.age_s == pytest.approx((tick - newest) * TICK_S)
+        assert (np.maximum(pair["sent_at"], 0) == np.maximum(newest, 0))[:, others(18)].all()
+        since = flight.since(flown.setup, tick)
         for j, peer in enumerate(peers):
-            if tick - near_since[0, j, 0] != 20:  # the limit itself, to rounding
-                assert np.asarray(heard.late_s)[0, j, 0] == peer.late_s(tick * TICK_S)
-        before = hearing.near.copy()
-        hearing.look(tick, points, heard.points, heard.age_s, None)
-        came, went = came + (hearing.near & ~before).sum(), went + (before & ~hearing.near).sum()
-        near_since = np.where(hearing.near, np.where(before, near_since, tick), np.inf)
-        for peer, near in zip(peers, hearing.near[0, :, 0], strict=True):
+            if j and tick - near_since[0, 0, j] != 20:  # the limit itself, to rounding
+                late_s = FAR_LATE_S if pair["heard_from"][0, 0, j] > since else 0.0
+                assert late_s == peer.late_s(tick * TICK_S)
+        before = pair["near"].copy()
+        flown.look_around(tick)
+        came += np.count_nonzero(pair["near"] & ~before)
+        went += np.count_nonzero(before & ~pair["near"])
+        near_since = np.where(pair["near"], np.where(before, near_since, tick), np.inf)
+        for peer, near in zip(peers, pair["near"][0, 0], strict=True):
             peer.approach(tick * TICK_S, near=bool(near))
-        assert (hearing.near | ~batch.links).all()
+        assert (pair["near"] | ~pair["link"]).all()
     assert min(came, went) > 50

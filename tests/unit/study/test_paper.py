@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from swarm_ctl.core.law.swarm_law import SwarmLaw
+from swarm_ctl.core.law.formation_law import evaluate
 from swarm_ctl.study.batch.batch import Batch, draw
 from swarm_ctl.study.batch.batch_flight import fly
 from swarm_ctl.study.paper import cases
@@ -98,9 +98,17 @@ def test_inequality_30_is_tested_on_the_law_itself() -> None:
     near = replace(batch, starts=batch.starts * 0.4)
     fly(near, steps)
     fly(near, trace)
-    law = SwarmLaw(near.slots, near.links, near.h, near.cell.law)
-    u = np.concatenate([law.step(p[..., None])[0] for p in trace.positions()], axis=-1)
-    sizes = np.sqrt((u**2).sum(axis=0))
+    n = near.cell.n
+    z, links = near.slots[..., 0].T, near.links[..., 0]
+    law = replace(near.cell.law, h=float(near.h[0]))
+    others, lower = ~np.eye(n, dtype=bool), np.triu(np.ones((n, n), dtype=bool), 1)
+    u = [
+        evaluate(
+            p.T, z, np.tile(p.T, (n, 1, 1)), np.tile(z, (n, 1, 1)), links, others, lower, law
+        ).u
+        for p in trace.positions()
+    ]
+    sizes = np.linalg.norm(u, axis=-1)
     seen = steps.samples()
     assert len(seen.distance) > 100
     off = np.abs(seen.displacement[:, None] - sizes.ravel()).min(axis=1)

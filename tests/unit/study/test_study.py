@@ -23,7 +23,6 @@ from swarm_ctl.study import executor
 from swarm_ctl.study.batch import batch as batch_module
 from swarm_ctl.study.batch.batch import Batch, blocks, connected, draw
 from swarm_ctl.study.batch.batch_flight import fly
-from swarm_ctl.study.batch.lossy_channel import LossyChannel
 from swarm_ctl.study.executor import run_study
 from swarm_ctl.study.parameter_space import LEVELS, Range, Study, value
 from swarm_ctl.study.rerun import Trace, rerun, write_mission
@@ -318,34 +317,6 @@ def test_stop_points_keep_real_vehicles_apart_where_positions_do_not() -> None:
     collided = [np.count_nonzero(outcome.smallest < 0.5) for outcome in (plain, compensated)]
     assert collided[0] > 30
     assert collided[1] <= collided[0] / 10
-
-
-def test_news_arrive_late_and_some_never() -> None:
-    """Delay is exact; the share of lost news is the one asked for; what is known is what was
-    sent."""
-    batch = only_batch(n=(5,), missions=30, delay_s=value(0.1), loss=value(0.3))
-    news = LossyChannel(batch, 0.05)
-    points = batch.starts
-    fresh = total = 0
-    for tick in range(60):
-        sent = points + tick
-        heard = news.exchange(tick, sent, np.zeros_like(points)).points
-        age = tick - np.rint(heard - points[:, None])[0]
-        if tick > 20:
-            assert (age >= 2).all()
-            fresh += np.count_nonzero(age == 2)
-            total += age.size
-    assert fresh / total == pytest.approx(0.7, abs=0.01)
-
-
-def test_news_are_carried_on_by_their_velocity() -> None:
-    batch = only_batch(missions=4, delay_s=value(0.2), loss=value(0.0))
-    news = LossyChannel(batch, 0.05)
-    for tick in range(30):
-        heard = news.exchange(tick, batch.starts + 0.05 * tick, np.ones_like(batch.starts)).carried(
-            0.3
-        )
-    assert heard[:, 0] == pytest.approx(batch.starts + 0.05 * 29)
 
 
 @pytest.mark.parametrize(

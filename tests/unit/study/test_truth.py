@@ -11,10 +11,11 @@ import pytest
 from swarm_ctl.core.law.stop_point import TYPICAL
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.study.batch.batch import Batch, blocks, draw
-from swarm_ctl.study.batch.batch_flight import fly, safety_filter_of
-from swarm_ctl.study.batch.motion import VehicleMotion
+from swarm_ctl.study.batch.batch_flight import fly
+from swarm_ctl.study.batch.missions import setup_of
 from swarm_ctl.study.parameter_space import AGENT_RANGES, Range, Study, value
 from swarm_ctl.study.rows import rows_of
+from tests.unit.study.flown import Flown
 
 UNEQUAL: dict[str, Any] = {
     "missions": 40,
@@ -62,11 +63,11 @@ def test_each_vehicle_answers_as_it_is() -> None:
     """A step of the command: still until the own dead time is over, then the own lag, never faster
     than the own acceleration."""
     batch = missions(spread=("agent",), n=(4,), missions=12)
-    motion, tick_s = VehicleMotion(batch), 0.05
+    flown, tick_s = Flown(batch), 0.05
     speeds = []
     for _ in range(60):
-        motion.move(np.stack((np.full((4, 12), 0.4), np.zeros((4, 12)))))  # 2 m/s
-        speeds.append(motion._state.velocity[..., 0].T.copy())
+        flown.steer(0.4)  # 2 m/s
+        speeds.append(flown.agent["velocity_mps"].T.real.copy())
     speed = np.array(speeds)
     moves = (speed > 0).argmax(axis=0)
     assert (moves == np.rint(np.maximum(batch.dead_time_s + batch.late_s, 0.0) / tick_s)).all()
@@ -78,21 +79,17 @@ def test_each_vehicle_answers_as_it_is() -> None:
         assert speed[tick] == pytest.approx(want, abs=1e-9)
 
 
-def test_a_batch_that_got_smaller_flies_on_as_before() -> None:
-    """Each vehicle keeps its dead time, lag and acceleration when missions leave."""
-    batch = missions(spread=("agent",), missions=6)
-    whole, part = VehicleMotion(batch), VehicleMotion(batch)
-    keep = np.array([True, False, True, True, False, False])
-    random = np.random.default_rng(1)
-    wishes = random.uniform(-1.0, 1.0, (40, 2, 6, 6))
-    for wish in wishes[:20]:
-        whole.move(wish)
-        part.move(wish)
-    part.only(keep)
-    for wish in wishes[20:]:
-        whole.move(wish)
-        part.move(wish[..., keep])
-    assert (part.position == whole.position[..., keep]).all()
+@pytest.mark.parametrize("vehicle", ["lag", "px4"])
+def test_missions_do_not_depend_on_the_missions_beside(vehicle: str) -> None:
+    """Each vehicle keeps its dead time, lag and acceleration in another company, and in one that
+    got smaller."""
+    settings = {"missions": 6, "limit_s": 20.0, "settle_s": 0.0, "vehicle": vehicle}
+    batch = missions(spread=("agent",), **settings)
+    keep = np.array([0, 2, 3])
+    whole, part = fly(batch), fly(batch.only(keep))
+    assert len(set(whole.steps)) > 1
+    for name in ("smallest", "error", "time_s", "touched", "steps"):
+        assert (getattr(part, name) == getattr(whole, name)[keep]).all(), name
 
 
 def test_the_agents_believe_what_they_are_told() -> None:
@@ -102,18 +99,18 @@ def test_the_agents_believe_what_they_are_told() -> None:
     assert right.cell.model == Response(0.4, 0.55, 2.5)
     assert wrong.cell.model == Response(0.1, 0.9, 2.0)
     assert (right.lag_s == wrong.lag_s).all()
-    motions = [VehicleMotion(batch) for batch in (right, wrong)]
-    for motion in motions:
-        motion.move(np.ones_like(motion.position))
-    assert (motions[0].position == motions[1].position).all()
-    assert (motions[0].points() != motions[1].points()).any()
+    both = [Flown(batch) for batch in (right, wrong)]
+    for flown in both:
+        flown.steer(1.0 + 1.0j)
+        flown.decide()
+    places, points = ([flown.agent[name] for flown in both] for name in ("place_m", "point"))
+    assert (places[0] == places[1]).all()
+    assert (points[0] != points[1]).any()
 
 
 def test_the_filters_margins_are_those_of_the_model() -> None:
-    slow, quick = (missions(model_lag_s=(lag_s,)) for lag_s in (1.0, 0.2))
-    ids = np.ones((6, 40), dtype=np.int64)
-    margins = [safety_filter_of(batch.cell, ids)._margins for batch in (slow, quick)]
-    assert margins[0].slow < margins[1].slow
+    slow, quick = (setup_of(missions(model_lag_s=(lag_s,))) for lag_s in (1.0, 0.2))
+    assert slow.margins.slow < quick.margins.slow
 
 
 @pytest.mark.parametrize("vehicle", ["lag", "px4"])
@@ -122,12 +119,12 @@ def test_all_vehicles_may_answer_later_than_their_agents_know(vehicle: str) -> N
     settings = {"vehicle": (vehicle,), "dead_time_s": 0.0, "delay_s": 0.0}
     prompt, late = (missions(**settings, late_s=late_s) for late_s in (0.0, 0.3))
     assert prompt.cell.model == late.cell.model
-    motions = [VehicleMotion(batch) for batch in (prompt, late)]
+    both = [Flown(batch) for batch in (prompt, late)]
     tracks = []
     for _ in range(40):
-        for motion in motions:
-            motion.move(np.full_like(motion.position, 0.2))
-        tracks.append([motion.position for motion in motions])
+        for flown in both:
+            flown.steer(0.2 + 0.2j)
+        tracks.append([flown.agent["place_m"].copy() for flown in both])
     for tick in range(6, 40):
         assert tracks[tick][1] == pytest.approx(tracks[tick - 6][0], abs=1e-12)
 
@@ -146,11 +143,11 @@ def test_a_study_over_speeds_is_one_study() -> None:
     """The agents' speed limit is the cell's."""
     study = Study.model_validate(UNEQUAL | {"speed_mps": (2.0, 5.0), "limit_s": 4.0})
     for cell, first, count in blocks(study):
-        motion = VehicleMotion(draw(cell, first, count))
+        flown = Flown(draw(cell, first, count))
         for _ in range(80):
-            motion.move(np.full_like(motion.position, 9.0))
-        fastest = np.linalg.norm(motion._state.velocity, axis=-1)
-        assert fastest.max() == pytest.approx(cell.speed_mps, rel=0.02)
+            flown.steer(9.0 + 9.0j)
+        fastest = np.abs(flown.agent["velocity_mps"]).max()
+        assert fastest == pytest.approx(cell.speed_mps, rel=0.02)
 
 
 def test_a_model_of_no_lag_is_refused() -> None:

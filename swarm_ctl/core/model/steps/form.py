@@ -28,7 +28,7 @@ class FormStep(Step):
     on_timeout: Policy = Policy.LAND
     exchange: bool = False
     """Agents that are in each other's way may take each other's slots
-    (`core/swarm/exchange_protocol.py`)."""
+    (`core/kernel/exchange.py`)."""
     kind: Literal["form"] = "form"
 
     @property

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from swarm_ctl.core.control.law_input import LawInput
 from swarm_ctl.core.kernel.align import RATE, pull
-from swarm_ctl.core.law.mean_error_feedback import pull_of
 
 coordinates = st.floats(-1e3, 1e3)
 errors = st.lists(st.builds(complex, coordinates, coordinates), min_size=2, max_size=12)
@@ -40,10 +39,3 @@ def test_who_is_not_counted_does_not_matter() -> None:
     there, lost = 1 + 1j, complex(math.nan, math.nan)
     heard = LawInput((), [lost, there], [0j, 1j], [], [], [], [False, True])
     assert heard.errors_along() == [0j, 1 + 0j]
-
-
-@given(errors)
-def test_studies_have_the_same_for_arrays_to_the_last_bit(e: list[complex]) -> None:
-    own, total = e[0], complex(np.array(e[1:]).sum())
-    many = pull_of(np.array([own]), np.array([total]), np.array([len(e) - 1]))
-    assert pull(own, total, len(e) - 1) == many[0]

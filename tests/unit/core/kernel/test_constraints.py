@@ -1,4 +1,4 @@
-"""The filter's half-planes: what is proven of them, and that one agent and many get the same."""
+"""The filter's half-planes, and what is proven of them."""
 
 from __future__ import annotations
 
@@ -13,12 +13,7 @@ from swarm_ctl.core.kernel import constraints
 from swarm_ctl.core.kernel.constraints import Margins, Other, cap, margins_of, minded
 from swarm_ctl.core.kernel.program import Row, relaxed
 from swarm_ctl.core.kernel.release import NO_RELEASE, noted, swirled, turned
-from swarm_ctl.core.model.arrays import MANY
 from swarm_ctl.core.model.plan import LawParameters, Response
-from swarm_ctl.core.safety.batch_safety_filter import BatchHeard
-from swarm_ctl.core.safety.constraints import Margins as ManyMargins
-from swarm_ctl.core.safety.constraints import keep_out_plane as keep_out_planes
-from swarm_ctl.core.safety.deadlock import DeadlockRelease
 
 LAW, SPEED = LawParameters(), 1.0
 MARGINS = margins_of(LAW, Response(), 5.0, 5.0, 5.0)
@@ -157,20 +152,6 @@ def test_two_on_one_spot_part_along_north() -> None:
         assert (normal * bound).real == pytest.approx(0.5 if lower else -0.5, abs=1e-2)
 
 
-def test_one_and_many_give_the_same_planes() -> None:
-    """The arrays of a study and the agent's numbers are one law."""
-    random = np.random.default_rng(5)
-    apart, flies = random.normal(size=50) + 1j * random.normal(size=50), random.normal(size=50) * 1j
-    age_s, yields = random.uniform(0, 4, 50), random.choice([True, False], 50)
-    many = BatchHeard(flies, age_s, np.ones(50, dtype=np.bool_), yields, age_s)
-    margins = ManyMargins.of(LAW, Response(), 5.0, 5.0).in_units(5.0)
-    n, b, room = keep_out_planes(apart, np.ones(50, dtype=np.bool_), many, margins, MANY)
-    for k in range(50):
-        other = heard(complex(flies[k]), float(age_s[k]), yields=bool(yields[k]))
-        one = keep_out_plane(complex(apart[k]), True, other, MARGINS)
-        assert one == pytest.approx((n[k], b[k], room[k]))
-
-
 # --- the release ---
 
 
@@ -196,23 +177,3 @@ def test_the_swirl_only_turns_what_points_against_the_wish(
         assert out == pytest.approx(avoidance)
     else:
         assert (out * avoidance.conjugate()).real == pytest.approx(abs(avoidance) ** 2)
-
-
-def test_releases_of_one_and_of_many_are_the_same() -> None:
-    """Arrays of agents get what each agent gets alone, dice included."""
-    random, shape = np.random.default_rng(2), (3, 2)
-    ids = np.array([[1, 1], [2, 2], [65535, 7]])
-    alone = dict.fromkeys(np.ndindex(shape), NO_RELEASE)
-    together = DeadlockRelease(ids, 1.0, 0.05, MANY)
-    for _ in range(2000):
-        consensus = random.normal(size=shape) + 1j * random.normal(size=shape)
-        flown = consensus * random.normal(0.1, 0.1, shape)
-        wishes = together.turn(0.5 * consensus, consensus)
-        together.note(consensus, flown)
-        for place, one in list(alone.items()):
-            to, did = complex(consensus[place]), complex(flown[place])
-            wish, one = turned(one, 0.5 * to, to, int(ids[place]), 1.0, 0.05)
-            assert wish == pytest.approx(wishes[place], rel=1e-12)
-            alone[place] = noted(one, to, did, 1.0, 0.05)
-            assert one.fails == together.fails[place]
-    assert together.fails.min() > 5

@@ -1,5 +1,4 @@
-"""The nearest allowed velocity: optimal, inside, the same for one and for many, and least slack
-where nothing is."""
+"""The nearest allowed velocity: optimal, inside, and least slack where nothing is."""
 
 from __future__ import annotations
 
@@ -13,7 +12,6 @@ from scipy.optimize import linprog
 
 from swarm_ctl.core.kernel import program
 from swarm_ctl.core.kernel.program import Row
-from swarm_ctl.core.safety.velocity_qp import UNBOUND, nearest_many, relaxed_many
 
 Plane = tuple[float, float, float]
 Vector = tuple[float, float]
@@ -92,26 +90,3 @@ def test_slack_is_the_least(
     ends = [-b for _, _, b in hard] + [cap] * 64
     least = linprog([0, 0, 1], A_ub=rows, b_ub=ends, bounds=[(None, None), (None, None), (0, None)])
     assert slack == pytest.approx(least.fun, abs=5e-3)
-
-
-@given(
-    st.lists(st.tuples(st.tuples(numbers, numbers), planes, planes, caps), min_size=1, max_size=6)
-)
-def test_one_and_many_agree(
-    cases: list[tuple[tuple[float, float], list[Plane], list[Plane], float]],
-) -> None:
-    """The arrays give what the plain version gives, for feasible and infeasible cases."""
-    size = max(len(hard) + len(soft) for _, hard, soft, _ in cases) or 1
-    normals, bounds = np.zeros((size, 2, len(cases))), np.full((size, len(cases)), UNBOUND)
-    normals[:, 0], is_soft = 1.0, np.zeros((size, len(cases)), dtype=bool)
-    for i, (_, hard, soft, _) in enumerate(cases):
-        for k, (nx, ny, b) in enumerate([*hard, *soft]):
-            normals[k, :, i], bounds[k, i], is_soft[k, i] = (nx, ny), b, k >= len(hard)
-    wish, cap = np.array([case[0] for case in cases]).T, np.array([case[3] for case in cases])
-    v, slack = relaxed_many(wish, normals, bounds, is_soft, cap)
-    _, exists = nearest_many(wish, normals, bounds, cap)
-    for i, (own, hard, soft, top) in enumerate(cases):
-        one, one_slack = relaxed(own, hard, soft, top)
-        assert (nearest(own, [*hard, *soft], top) is not None) == exists[i]
-        assert slack[i] == pytest.approx(one_slack, abs=1e-5)
-        assert tuple(v[:, i]) == pytest.approx(one, abs=1e-3)

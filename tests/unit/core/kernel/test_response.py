@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -12,8 +11,6 @@ from hypothesis import strategies as st
 from swarm_ctl.core.kernel.coast import coast_of, coasted, pending
 from swarm_ctl.core.kernel.response import LATEST_S
 from swarm_ctl.core.law.own_response import OwnResponse
-from swarm_ctl.core.law.response_estimate import ResponseEstimate
-from swarm_ctl.core.model.arrays import MANY
 from swarm_ctl.core.model.plan import Response
 
 TICK_S = 0.05
@@ -129,33 +126,3 @@ def test_a_restart_forgets_the_motion_and_keeps_the_estimate() -> None:
     flight.estimate.restart()
     assert flight.estimate.stop_point(7 + 0j, 0j) == 7 + 0j
     assert flight.estimate.late_s == pytest.approx(late_s, abs=1e-9)
-
-
-@settings(max_examples=10, deadline=None)
-@given(st.integers(0, 10_000))
-def test_one_and_many_are_the_same(seed: int) -> None:
-    """Every stop point and estimate, to 1e-9, also after some missions have ended."""
-    random = np.random.default_rng(seed)
-    shape = (3, 2)
-    many = ResponseEstimate(MODEL, TICK_S, np.zeros(shape, dtype=np.complex128), MANY)
-    ones = {place: OwnResponse(MODEL, TICK_S) for place in np.ndindex(shape)}
-    place = np.zeros(shape, dtype=np.complex128)
-    velocity = np.zeros(shape, dtype=np.complex128)
-    setpoint = np.zeros(shape, dtype=np.complex128)
-    for tick in range(120):
-        if tick % 25 == 0:
-            setpoint = random.normal(size=shape) * 3 + 3j * random.normal(size=shape)
-        velocity = velocity + 0.06 * (setpoint - velocity)
-        place = place + velocity * TICK_S
-        found = many.stop_point(place, velocity)
-        many.sent(setpoint)
-        for at, one in ones.items():
-            assert abs(one.stop_point(complex(place[at]), complex(velocity[at])) - found[at]) < 1e-9
-            one.sent(complex(setpoint[at]))
-            assert abs(one.late_s - many.late_s[at]) < 1e-9
-    many.only(np.array([0, 2]))
-    found = many.stop_point(place[[0, 2]], velocity[[0, 2]])
-    assert (
-        abs(found[1, 0] - ones[2, 0].stop_point(*map(complex, (place[2, 0], velocity[2, 0]))))
-        < 1e-9
-    )

@@ -15,16 +15,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from swarm_ctl.core.law import formation_law as law_module
-from swarm_ctl.core.law.formation_law import (
-    INACTIVE,
-    NARROW,
-    OVERSPEED,
-    PAPER,
-    STATUSES,
-    LawResult,
-    evaluate,
-)
+from swarm_ctl.core.kernel.law import INACTIVE, NARROW, OVERSPEED, PAPER, STATUSES, Law, cut_off
+from swarm_ctl.core.law.formation_law import LawResult, evaluate
 from swarm_ctl.core.model.plan import LawParameters
 
 VECTORS = Path(
@@ -271,8 +263,9 @@ def test_statuses_have_their_names() -> None:
 
 def test_cut_off_is_continuous() -> None:
     """g is 1 at r_in, 1/2 in the middle, 0 at r_out and beyond."""
-    x = np.array([0.0, 0.5, 1.0, 1.5, 9.0])
-    assert law_module.cut_off(x, HEXAGON) == pytest.approx([1.0, 1.0, 0.5, 0.0, 0.0])
+    law = Law(HEXAGON.r, HEXAGON.r_out, HEXAGON.r_in, HEXAGON.h, HEXAGON.delta_l, HEXAGON.delta_a)
+    found = [cut_off(x, law) for x in (0.0, 0.5, 1.0, 1.5, 9.0)]
+    assert found == pytest.approx([1.0, 1.0, 0.5, 0.0, 0.0])
 
 
 def _smallest_distance(points: np.ndarray) -> float:

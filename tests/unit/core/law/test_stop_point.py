@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.law.stop_point import Coast, pending, stop_distance, stop_points
+from swarm_ctl.core.kernel.coast import coast_of, pending, stop_distance
+from swarm_ctl.core.law.stop_point import stop_point
 from swarm_ctl.core.model.plan import Response
 
 DT = 0.05
@@ -37,7 +37,7 @@ class Simulated:
             self.p += self.v * DT / fine
 
     def stop_point(self) -> complex:
-        return complex(Coast(self.vehicle, DT).rest(self.p, self.v, self.delayed))
+        return stop_point(self.p, self.v, self.delayed, DT, self.vehicle)
 
 
 @given(st.lists(VECTOR, min_size=1, max_size=60))
@@ -66,22 +66,13 @@ def test_single_integrator_seen_from_the_stop_point(commands: list[tuple[float, 
 
 def test_at_rest_the_stop_point_is_the_position() -> None:
     under_way = [0j] * pending(VEHICLE, DT)
-    assert Coast(VEHICLE, DT).rest(3 - 4j, 0j, under_way) == pytest.approx(3 - 4j)
-
-
-def test_batch_is_the_same_as_one_by_one() -> None:
-    """Leading axes are vehicles."""
-    rng = np.random.default_rng(1)
-    p, v, c = rng.normal(size=(3, 4, 2)), rng.normal(size=(3, 4, 2)), rng.normal(size=(3, 4, 8, 2))
-    p, v, c = 3 * p, 3 * v, 3 * c  # fast enough to meet the acceleration limit
-    batch = stop_points(p, v, c, DT, VEHICLE)
-    under_way = [complex(*row) for row in c[1, 2]]
-    one = Coast(VEHICLE, DT).rest(complex(*p[1, 2]), complex(*v[1, 2]), under_way)
-    assert complex(*batch[1, 2]) == pytest.approx(one)
+    assert stop_point(3 - 4j, 0j, under_way, DT, VEHICLE) == pytest.approx(3 - 4j)
 
 
 def test_stop_distance_has_no_jump_where_braking_saturates() -> None:
     knee = VEHICLE.acceleration_mps2 * VEHICLE.lag_s
-    below, above = stop_distance(np.array([knee - 1e-9, knee + 1e-9]), VEHICLE, np.maximum)
+    below, above = (
+        stop_distance(speed, coast_of(VEHICLE, DT)) for speed in (knee - 1e-9, knee + 1e-9)
+    )
     assert above == pytest.approx((knee**2 + knee**2) / (2 * VEHICLE.acceleration_mps2))
     assert below == pytest.approx(above, abs=1e-6)

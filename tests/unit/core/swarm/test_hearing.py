@@ -13,11 +13,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from swarm_ctl.core.kernel.boundary import FOLLOW_TICKS, LOOK_S, near_m
+from swarm_ctl.core.kernel.constraints import margins_of
 from swarm_ctl.core.model.messages import AgentState, Phase
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.timeouts import FAR_EVERY_S
-from swarm_ctl.core.safety.constraints import Margins
-from swarm_ctl.core.swarm.hearing import FOLLOW_TICKS, LOOK_S, SMALL_SWARM, Hearing, hears_all
+from swarm_ctl.core.swarm.hearing import SMALL_SWARM, Hearing, hears_all
 from swarm_ctl.mission.compile.loader import load, loads
 
 TICK_S = 0.05
@@ -38,7 +39,7 @@ def mission(count: int) -> Plan:
 
 PLAN = mission(SMALL_SWARM + 1)
 SPEED = PLAN.limits.speed_mps
-REACH_M = Margins.of(PLAN.law, PLAN.response, SPEED, PLAN.unit_m).farthest
+REACH_M = margins_of(PLAN.law, PLAN.response, SPEED, PLAN.unit_m).farthest
 STATE = AgentState(PEER, 1, 0.0, 1, Phase.FLY, 1, False, True, (0, 0, 0), (0, 0, 0), (0, 0), (0, 0))
 
 
@@ -156,7 +157,9 @@ def test_head_on_the_peer_is_heard_just_in_time(lost: int) -> None:
         for start in range(20):
             flight = Flight(0j, complex(REACH_M + 40.0 + 0.1 * SPEED * start, 0.0), phase)
             silent = round(lost * WORDS)
-            before = math.ceil((abs(flight.peer) - flight.hearing.near_m(0.0)) / (0.1 * SPEED))
+            before = math.ceil(
+                (abs(flight.peer) - near_m(0.0, flight.hearing.boundary)) / (0.1 * SPEED)
+            )
             first = max(0, (before - silent) // WORDS)
             flight.lost = (False,) * first + (True,) * lost
             while not flight.follows:
@@ -170,9 +173,9 @@ def test_head_on_the_peer_is_heard_just_in_time(lost: int) -> None:
 def test_the_boundary_of_one_swarm() -> None:
     """The figures of docs/pages/safety.md: the wedge of 32 at 4 m/s."""
     plan = load(WEDGE).plan
-    reach_m = Margins.of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m).farthest
+    reach_m = margins_of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m).farthest
     assert reach_m == pytest.approx(15.7, abs=0.05)
-    assert Hearing(plan, 1, reach_m).near_m(0.0) == pytest.approx(24.5, abs=0.05)
+    assert near_m(0.0, Hearing(plan, 1, reach_m).boundary) == pytest.approx(24.5, abs=0.05)
 
 
 def test_some_peers_are_near_wherever_they_are() -> None:

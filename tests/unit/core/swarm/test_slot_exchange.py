@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from swarm_ctl.core.model.messages import AgentState, ExchangeState, Phase
 from swarm_ctl.core.model.plan import LawParameters, Point
-from swarm_ctl.core.swarm.exchange_protocol import ExchangeProtocol
 from swarm_ctl.core.swarm.peers import Peers
 from swarm_ctl.core.swarm.slot_exchange import SlotExchange
 from tests.unit.core.builders import plan
@@ -139,7 +138,7 @@ def test_whatever_is_lost_or_late_each_agent_ends_with_a_role_of_its_own(
 class Restless(SlotExchange):
     """Runs each round."""
 
-    def _at_rest(self, protocol: ExchangeProtocol) -> bool:
+    def _at_rest(self) -> bool:
         return False
 
 

@@ -1,0 +1,174 @@
+"""The flight of missions (`flight.py`) and the kernel that it runs, compiled by numba where that is
+installed (the extra `study`); else as they are, a hundred times slower.
+
+What was compiled is kept in the user's cache, by the source of all that went into it: the next
+process begins at once, and no change of a source leaves anything of before in use.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import math
+import os
+import sys
+from collections.abc import Callable
+from functools import cache
+from importlib import metadata
+from importlib.util import find_spec
+from pathlib import Path
+from types import FunctionType, ModuleType
+from typing import Any, Final
+
+import numpy as np
+
+from swarm_ctl.core.kernel import (
+    align,
+    boundary,
+    coast,
+    constraints,
+    decide,
+    exchange,
+    law,
+    program,
+    release,
+    response,
+    sequences,
+    wish,
+)
+from swarm_ctl.core.model import arrays, plan, timeouts
+from swarm_ctl.study.batch import flight, missions
+from swarm_ctl.study.batch.missions import Missions, Setup
+
+Fly = Callable[[Setup, Missions, int, int, int], None]
+_MODULES: Final[tuple[ModuleType, ...]] = (
+    *(align, boundary, coast, constraints, decide, exchange, law, program, release, response),
+    *(sequences, wish, flight),
+)
+SOURCES: Final = (*_MODULES, missions, timeouts, arrays, plan)
+"""Their constants are compiled in, and the types of their records."""
+
+
+def available() -> bool:
+    """Missions can be compiled here."""
+    return find_spec("numba") is not None
+
+
+def waits() -> bool:
+    """The next flight has to wait until its functions are compiled."""
+    return available() and not any(cache_folder().rglob("*.nbc"))
+
+
+@cache
+def compiled() -> Fly:
+    """`flight.fly`, compiled if it can be."""
+    if not available():
+        return flight.fly
+    from numba import config, njit
+
+    kept = _writable(cache_folder())
+    setattr(config, "CACHE_DIR", str(cache_folder()))  # noqa: B010 (numba does not declare it)
+
+    # what is called from compiled code alone needs no other way in
+    inner: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    functions = _compilable(lambda each: _once(njit(error_model="numpy", **inner)(each)))
+    whole = njit(cache=kept, error_model="numpy")(functions["fly"])
+
+    def fly(setup: Setup, many: Missions, first: int, ticks: int, stages: int) -> None:
+        whole(_record(setup), many, first, ticks, stages)
+
+    return fly
+
+
+def _compilable(compiles: Callable[[Any], Any]) -> dict[str, Any]:
+    """All functions of the modules by name, to be compiled when they are called; `fly` as it is.
+
+    They see each other, whatever module they are from, and a size of complex numbers that is a
+    plain square root: lengths here are neither huge nor tiny, and hypot takes a quarter of a
+    flight.
+    """
+    found: dict[str, Any] = {}
+    twins: dict[int, Any] = {}
+    spaces = [dict(vars(module)) for module in _MODULES]
+    for module, space in zip(_MODULES, spaces, strict=True):
+        for name, function in vars(module).items():
+            if inspect.isfunction(function) and function.__module__ == module.__name__:
+                copy = FunctionType(function.__code__, space, name, function.__defaults__)
+                found[name] = copy if function is flight.fly else compiles(copy)
+                twins[id(function)] = found[name]
+    size = _size_of()
+    for space in spaces:
+        for name, value in space.items():
+            space[name] = twins.get(id(value), value)
+        space["abs"] = size
+    return found
+
+
+def _once(function: Any) -> Any:
+    """Numbers that stand in the source are numbers like others: a function is compiled once, not
+    for each of them again."""
+    from numba import types
+
+    template = function.get_call_template
+
+    def plain(args: Any, kws: Any) -> Any:
+        return template(tuple(map(types.unliteral, args)), kws)
+
+    function.get_call_template = plain
+    return function
+
+
+def _size_of() -> Callable[[Any], float]:
+    from numba import types
+    from numba.extending import overload
+
+    @overload(_size)
+    def size(x):  # type: ignore[no-untyped-def]
+        if isinstance(x, types.Complex):
+            return lambda x: math.sqrt(x.real * x.real + x.imag * x.imag)
+        return lambda x: abs(x)
+
+    return _size
+
+
+def _size(x: complex) -> float:
+    return abs(x)
+
+
+def _record(values: Any) -> Any:
+    """A named tuple, and those in it, as one record: compiled code passes a place in memory, not
+    sixty numbers."""
+    return np.array([_plain(values)], dtype=_type_of(values)).view(np.recarray)[0]
+
+
+def _plain(values: Any) -> Any:
+    return tuple(map(_plain, values)) if isinstance(values, tuple) else values
+
+
+def _type_of(values: Any) -> np.dtype[Any]:
+    kinds = {bool: "b1", int: "i8", float: "f8"}
+    fields = [
+        (name, _type_of(value) if isinstance(value, tuple) else kinds[type(value)])
+        for name, value in zip(values._fields, values, strict=True)
+    ]
+    return np.dtype(fields, align=True)
+
+
+@cache
+def cache_folder() -> Path:
+    """For what is compiled of these very sources, by this numba and this Python."""
+    home = os.environ.get("XDG_CACHE_HOME")
+    base = Path(home) if home else Path.home() / ".cache"
+    made_by = (metadata.version("numba"), *map(str, sys.version_info))
+    sources = [inspect.getsource(module) for module in (*SOURCES, sys.modules[__name__])]
+    digest = hashlib.sha256("\0".join((*made_by, *sources)).encode())
+    return base / "swarm-ctl" / "compiled" / digest.hexdigest()[:16]
+
+
+def _writable(folder: Path) -> bool:
+    """There is such a folder, and it is ours; else every process compiles anew."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK)
