@@ -28,11 +28,13 @@ class Written(Section, Generic[T]):
     plan_type: ClassVar[type[Any]]
 
     def planned(self, **derived: Any) -> T:
-        """As the plan has it; `derived` has what the plan derives, and is kept within bounds."""
-        hints = get_type_hints(self.plan_type, include_extras=True) if derived else {}
-        values = {name: _within(hints[name], value) for name, value in derived.items()}
-        given = {name: value for name, value in self if value is not None}
-        planned: T = self.plan_type(**(values | given))
+        """As the plan has it; `derived` has all that the plan derives, each kept within bounds."""
+        hints = get_type_hints(self.plan_type, include_extras=True)
+        values = {
+            name: _within(hints[name], derived[name]) if value is None else value
+            for name, value in self
+        }
+        planned: T = self.plan_type(**values)
         return planned
 
     if not TYPE_CHECKING:
@@ -69,9 +71,10 @@ def _fields(plan_type: type[Any]) -> dict[str, Any]:
 
 
 def _docstrings(plan_type: type[Any]) -> dict[str, str]:
-    """By field."""
+    """By field; none where the sources are not installed."""
     found = dict[str, str]()
-    for pair in itertools.pairwise(_classes(plan_type.__module__)[plan_type.__name__].body):
+    lines = getattr(_classes(plan_type.__module__).get(plan_type.__name__), "body", ())
+    for pair in itertools.pairwise(lines):
         match pair:
             case ast.AnnAssign(target=ast.Name(name)), ast.Expr(ast.Constant(str(text))):
                 found[name] = inspect.cleandoc(text)
@@ -80,5 +83,8 @@ def _docstrings(plan_type: type[Any]) -> dict[str, str]:
 
 @cache
 def _classes(module: str) -> dict[str, ast.ClassDef]:
-    parsed = ast.parse(inspect.getsource(sys.modules[module]))
+    try:
+        parsed = ast.parse(inspect.getsource(sys.modules[module]))
+    except OSError:
+        return {}
     return {node.name: node for node in parsed.body if isinstance(node, ast.ClassDef)}
