@@ -77,6 +77,8 @@ class Dice:
         return size if self.chance(0.5) else -size
 
 
+_SWAPS: Final = 0.2
+"""Of all missions: their agents change sides."""
 _FAIR: Final = 0.12
 """Of all flights: nothing happens in them, so the forecast has to hold."""
 _TRIES: Final = 200
@@ -298,7 +300,33 @@ def _mission(dice: Dice, wanted: Coverage, *, fair: bool) -> Data:
     speed_mps = mission.get("vehicle", {}).get("limits", {}).get("speed_mps", 3.0)
     mission["steps"] = _steps(dice, wanted, ids, speed_mps, fair=fair)
     mission["fleet"] = _fleet(dice, ids, fair=fair)
+    if dice.chance(_SWAPS):
+        _swap(dice, mission, spacing)
     return _in_metres(mission) if dice.chance(0.1) else mission
+
+
+def _swap(dice: Dice, mission: Data, spacing: float) -> None:
+    """All change sides: each flies through the middle to the slot opposite to its own, or to any
+    other agent's."""
+    count = len(mission["agents"])
+    points = [list(point) for point in _scattered(dice, count, spacing, 2 * spacing)]
+    if dice.chance(0.5):
+        turn = 2 * math.pi / count
+        radius = round(max(1.0, 1.0 / (2 * math.sin(turn / 2))) * (spacing + 0.02), 2)
+        points = [
+            [round(radius * math.cos(turn * k), 3), round(radius * math.sin(turn * k), 3)]
+            for k in range(count)
+        ]
+        others = [[-north, -east] for north, east in points]
+    else:
+        others = [[round(-n, 3), round(-e, 3)] for n, e in reversed(dice.shuffled(points))]
+    for name, offsets in zip(("one", "other"), (points, others), strict=True):
+        mission["shapes"][name] = {"kind": "offsets", "offsets": offsets}
+    forms = [
+        {"form": {"shape": name, "slots": "fixed", "settle_s": 1.0, "timeout_s": 90.0}}
+        for name in ("one", "other")
+    ]
+    mission["steps"] = [mission["steps"][0], *forms, mission["steps"][-1]]
 
 
 def _gains(dice: Dice) -> Data:
