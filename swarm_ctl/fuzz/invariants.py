@@ -224,10 +224,14 @@ class _Seen:
 
     @cached_property
     def misjudged_m(self) -> float:
-        """By how much [m] drawn GPS noise may bring a pair under r_in: four deviations of two
-        positions, less what keep-out spares."""
+        """By how much [m] drawn GPS noise and drift may bring a pair under r_in: four deviations of
+        two positions, less what keep-out spares."""
         sets = [self.parameters, *(values for _, _, _, values, _ in self.faults)]
-        noise_m = max(values.get("SIM_GPS_NOISE", 0.0) for values in sets)
+        worst = (
+            max(values.get(name, 0.0) for values in sets)
+            for name in ("SIM_GPS_NOISE", "SIM_GPS_DRIFT")
+        )
+        noise_m = math.hypot(*worst)
         plan = self.plan
         margins = margins_of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m)
         return max(0.0, 4.0 * math.sqrt(2.0) * noise_m - (margins.keep_out - self.r_in_m))
