@@ -290,7 +290,7 @@ class Row:
 
 
 LOST = "agent {} has not been heard for 5 s"
-DRAWN = "outside the geofence, drawn there by the place that agent {} tells"
+DRAWN = "kept inside the fence, drawn there by the place that agent {} tells"
 GUSTY = {"SIM_WIND_SPD": 5.0, "SIM_WIND_DIR": 70.0, "SIM_WIND_GUST": 2.0}
 
 _SPURT: tuple[Happening, ...] = ((0.0, stalled), (0.8, healed))

@@ -50,6 +50,7 @@ from swarm_ctl.core.model.own_parameters import Found, ParameterNote
 from swarm_ctl.core.model.plan import GroupPlan, Plan, Response
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.model.vehicle import Goal, VehicleView
+from swarm_ctl.core.safety.surroundings import FENCE_NAME
 from swarm_ctl.core.swarm.hearing import Hearing, hears_all
 from swarm_ctl.core.swarm.peers import Peers
 from swarm_ctl.core.swarm.plausibility import Doubt, Suspicion
@@ -401,9 +402,24 @@ class Agent:
         reason = stopped if decision.reason is None else decision.reason
         blind = tick.fix is None and isinstance(decision.course, Course)
         self._phase, self._reason = decision.phase, reason or (NO_FIX if blind else "")
+        if not self._reason and decision.phase in (Phase.FLY, Phase.RETURN):
+            self._reason = self._hindered(tick)
         if self._interruption.trigger is None:
             self._waits = self._reason
         return decision
+
+    def _hindered(self, tick: Tick) -> str:
+        """What keeps the vehicle from its place: a zone, or the fence, and who has led it there."""
+        found = self._controller.hindered
+        if not found.endswith(FENCE_NAME):
+            return found
+        wish = self._controller.safety_filter.wish
+        leads = self._group.leads(tick, self._controller.stop_point_m, wish)
+        return (
+            found
+            if leads is None
+            else f"{found}, drawn there by the place that agent {leads} tells"
+        )
 
     def _go_on(self, tick: Tick) -> None:
         """Enter the next step, if all members are done with this one and no order stops it."""

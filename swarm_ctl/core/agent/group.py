@@ -253,11 +253,12 @@ class Group:
         slots = [complex(shape[i][0] * self._unit_m, shape[i][1] * self._unit_m) for i in ids]
         return error_of_one([own, *at], slots)
 
-    def leads(self, tick: Tick, own_m: Point) -> int | None:
+    def leads(self, tick: Tick, own_m: Point, wish: complex = 0j) -> int | None:
         """The peer that by its own word is ahead of all others in the shape, the way that this
-        vehicle flies. The law makes all follow it; a vehicle that is blown away leads itself."""
+        vehicle flies, or wishes to fly. The law makes all follow it; a vehicle that is blown away
+        leads itself."""
         fix, slots = tick.newest_fix, self.reference.slots
-        velocity = complex(*fix.velocity_ned_mps[:2]) if fix is not None else 0j
+        velocity = wish or (complex(*fix.velocity_ned_mps[:2]) if fix is not None else 0j)
         if self._own not in slots or abs(velocity) < _FLIES_MPS:
             return None
         stops = {p.id: p.stop_point for p in tick.members.peers if _counts(p) and p.id in slots}

@@ -37,6 +37,8 @@ _BRAKE_AT_MOST_S = 3.0
 _ASIDE_AT_MOST_S = 10.0
 """To leave the place above a vehicle that stands there: the filter takes 3 s where there is
 room."""
+_OUT_AT_MOST_S: Final = 60.0
+"""To leave the place above a zone: at a fifth of the top speed, most are narrower."""
 WANDERS_M: Final = 1.0
 """A vehicle that lands leaves its place by less: real PX4s brake late and drift. Two in the air
 make room for both before they land, whatever the unit is."""
@@ -88,6 +90,8 @@ class Landing:
         self._standing_room_m = r_in_m + 2.0 * STANDING_WANDERS_M
         self._stood: frozenset[int] | None = None
         """The peers that stood with this agent as its landing began."""
+        self._left_zone = ""
+        """The zone that it left last before it landed."""
         self._aside_s = -math.inf
         """When it last made room before it landed."""
         self._place_m: Point | None = None
@@ -207,11 +211,16 @@ class Landing:
             slow = fix is not None and math.hypot(*fix.velocity_ned_mps[:2]) < _AT_REST_MPS
             over, crowded = bool(self._below(tick)), self._crowded(tick)
             aside = (over or crowded) and waited < brake_s + _ASIDE_AT_MOST_S
-            if aside:
+            zone = self._over_zone() if waited < brake_s + _OUT_AT_MOST_S else ""
+            if zone and zone != self._left_zone:
+                self._log.say(now, Severity.WARNING, f"leaves {zone} before it lands")
+            self._left_zone = zone or self._left_zone
+            if aside or zone:
                 self._aside_s = now
             braked = slow or now - max(self._begun_s, self._aside_s) > _BRAKE_AT_MOST_S
-            if waited < brake_s or not braked or aside:
-                return self._hold(tick, ground=over and aside, room_m=self._room_m)
+            if waited < brake_s or not braked or aside or zone:
+                ground = over and aside
+                return self._hold(tick, ground=ground, room_m=self._room_m, down=bool(zone))
             vehicle.land(now)
             self._place_m = fix.position_ned_m[:2] if fix is not None else None
         since_s = now if vehicle.landing_s is None else vehicle.landing_s
@@ -274,14 +283,20 @@ class Landing:
             return frozenset()
         return frozenset(s.agent for s in tick.peers.fresh() if _stands(s.velocity_ned_mps))
 
-    def _hold(self, tick: Tick, *, ground: bool = False, room_m: float = 0.0) -> Intent:
+    def _over_zone(self) -> str:
+        """The zone that the vehicle would come down in, or ''."""
+        return self._controller.safety_filter.over_zone(complex(*self._controller.stop_point_m))
+
+    def _hold(
+        self, tick: Tick, *, ground: bool = False, room_m: float = 0.0, down: bool = False
+    ) -> Intent:
         if not tick.view.controlled and self._progress.step <= 1:
             # still under the autopilot's own take-off
             return Intent(LandGoal() if tick.view.armed else StandbyGoal(), Phase.HOLD)
         if tick.view.on_ground and not self._vehicle.flown:
             # its height errs by more than a climb needs: it would lift off
             return Intent(FlyGoal((0.0, 0.0, 0.0)), Phase.HOLD)
-        return Intent(KeepClear(ground, room_m), Phase.HOLD)
+        return Intent(KeepClear(ground, room_m, down), Phase.HOLD)
 
     def _on_ground(self, tick: Tick) -> bool:
         """The vehicle stands there disarmed."""

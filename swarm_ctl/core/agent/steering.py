@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
@@ -36,9 +37,13 @@ class KeepClear(Course):
     """Also for vehicles that stand on the ground."""
     room_m: float = 0.0
     """So much at least."""
+    down: bool = False
+    """Out of zones that are under the vehicle, too: it is to land."""
 
     def velocity(self, controller: Controller, peers: PeerSnapshot) -> Point:
         """Out of the way."""
+        if self.down:
+            controller.safety_filter.climbs_m = -math.inf
         return controller.keep_clear(peers, ground=self.ground, room_m=self.room_m)
 
 
@@ -130,6 +135,8 @@ class Steering:
         if fix is None:
             controller.rest()
             return self._setpoint(tick.now, 0.0, 0.0, 0.0)
+        missing_m = self._vehicle.target_height_m - self._vehicle.height(fix)
+        controller.safety_filter.climbs_m = missing_m
         velocity = course.velocity(controller, tick.peers)
         if isinstance(course, ClimbOver):
             flown = complex(*fix.velocity_ned_mps[:2])
@@ -138,8 +145,9 @@ class Steering:
             return AirborneGoal(course.height_m, (sent.real, sent.imag))
         against, drift = controller.headwind.fade(), fix.drift_mps
         north, east = velocity[0] + against.real - drift[0], velocity[1] + against.imag - drift[1]
-        missing_m = self._vehicle.target_height_m - self._vehicle.height(fix)
-        return self._setpoint(tick.now, north, east, climb_rate(missing_m, self._limits))
+        waits = controller.safety_filter.waits
+        climb_mps = 0.0 if waits else climb_rate(missing_m, self._limits)
+        return self._setpoint(tick.now, north, east, climb_mps)
 
     def _setpoint(self, now: float, north: float, east: float, climb_mps: float) -> FlyGoal:
         self.setpoints.add(now)

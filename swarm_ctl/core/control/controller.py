@@ -21,7 +21,9 @@ from swarm_ctl.core.law.own_response import OwnResponse
 from swarm_ctl.core.model.messages import Gains, PairReport, SigmaReport
 from swarm_ctl.core.model.plan import Compensation, Plan, Point, Response
 from swarm_ctl.core.model.timeouts import lead_s
+from swarm_ctl.core.safety.own_way import Leg, OwnWay, wish_on
 from swarm_ctl.core.safety.safety_filter import SafetyFilter
+from swarm_ctl.core.safety.surroundings import FENCE_NAME
 from swarm_ctl.core.swarm.snapshot import NO_FORMATION, Formation, PeerSnapshot
 
 _APPROACH_RATE = 1.0
@@ -55,6 +57,10 @@ class Controller:
         self.headwind = Headwind(vehicle, plan.tick_s)
         self._located_s, self._down_m = math.inf, 0.0
         self.safety_filter = SafetyFilter(plan, own_id, vehicle, self.estimate)
+        speed_mps, tick_s = plan.limits.speed_mps, plan.tick_s
+        self._way = OwnWay(plan.zones, plan.fence, vehicle, speed_mps, tick_s)
+        self._round = ""
+        """The zone that the vehicle goes round, or has no way past: in words."""
         self._most_rate = vehicle.most_rate
         self.set_gains(Gains(plan.law.delta_a, plan.law.delta_l, plan.law.h, plan.kappa))
         self._others: LawInput | None = None
@@ -105,6 +111,7 @@ class Controller:
             fix.position_ned_m,
             fix.velocity_ned_mps,
         )
+        self.safety_filter.height_m = -self._down_m
         point = self.estimate.stop_point(complex(north, east), complex(v_north, v_east))
         self.stop_point_m = (point.real, point.imag)
         plain = self._plan.compensation is Compensation.NONE
@@ -127,6 +134,12 @@ class Controller:
         """
         snapshot = snapshot.aloft(self._down_m)
         consensus, avoidance = self._terms(snapshot, formation)
+        round_zones = self._round_zones(formation, off_m)
+        if round_zones is not None:
+            own = complex(*self.stop_point_m)
+            flown = self.safety_filter.velocity(snapshot, own, round_zones, avoidance, formation)
+            self.send(flown)
+            return self.setpoint_mps
         if off_m is not None:
             # A mean, no sum: at twice the law's rate its stop point swings.
             consensus = 0.5 * (consensus + self.gain * complex(*off_m))
@@ -143,7 +156,11 @@ class Controller:
         the way, and out of a dead-lock as in a formation."""
         snapshot = snapshot.aloft(self._down_m)
         _, avoidance = self._terms(snapshot, NO_FORMATION)
-        pull = self.gain * (complex(*to_m) - complex(*self.point_m))
+        leg = self._leg(complex(*to_m))
+        if leg.round:
+            pull = wish_on(leg, complex(*self.point_m), self.gain, speed_mps)
+        else:
+            pull = self.gain * (complex(*to_m) - complex(*self.point_m))
         wish, own = self._around(shortened(pull, speed_mps)), complex(*self.stop_point_m)
         self.send(self.safety_filter.velocity(snapshot, own, wish, avoidance, NO_FORMATION))
         return self.setpoint_mps
@@ -156,6 +173,7 @@ class Controller:
 
         `ground`: keep clear of vehicles that stand on the ground, too, as before a landing.
         """
+        self._round, self.safety_filter.loose = "", False
         snapshot = snapshot if ground else snapshot.aloft(self._down_m)
         _, wish = self._terms(snapshot, NO_FORMATION)
         own = complex(*self.stop_point_m)
@@ -172,7 +190,7 @@ class Controller:
 
     def rest(self) -> None:
         """No setpoint of ours moves the vehicle in this tick."""
-        self._seen = 0
+        self._seen, self._round = 0, ""
         self.setpoint_mps = (0.0, 0.0)
         self.estimate.rest()
         self.headwind.rest()
@@ -182,7 +200,42 @@ class Controller:
         self.setpoint_mps = (setpoint.real, setpoint.imag)
         self.estimate.sent(setpoint)
 
+    @property
+    def hindered(self) -> str:
+        """What keeps the vehicle from its place: `goes round zone oak`; '': nothing."""
+        if self._round:
+            return self._round
+        wall = self.safety_filter.kept_off
+        return f"kept {'inside' if wall == FENCE_NAME else 'off'} {wall}" if wall else ""
+
     # --- parts ---
+
+    def _leg(self, to: complex) -> Leg:
+        """To a place of its own, round zones."""
+        heights = sorted((-self._down_m, self.safety_filter.climbs_m - self._down_m))
+        leg = self._way.leg(complex(*self.point_m), to, *heights)
+        self.safety_filter.loose = bool(leg.round)
+        verb = "goes round" if leg.exists else "has no way past"
+        self._round = f"{verb} {leg.round}" if leg.round else ""
+        return leg
+
+    def _round_zones(self, formation: Formation, off_m: Point | None) -> complex | None:
+        """The wish of a way round zones to the own place, where one cuts the straight line; None:
+        none does. The place is the frame's on the agent that is pinned to it; on others it is where
+        the slot lies by the mean of all that fly along."""
+        if self._way.free or self._others is None:
+            return None
+        own, unit = complex(*self.point_m), self._plan.unit_m
+        if off_m is not None:
+            place = own + complex(*off_m)
+        else:
+            slot = complex(*formation.slots.get(self._own, (0.0, 0.0)))
+            error, count = own / unit - slot, sum(self._others.along)
+            mean = (sum(self._others.errors_along()) + error) / (count + 1)
+            place = (slot + mean) * unit
+        leg = self._leg(place)
+        speed_mps = self._plan.limits.speed_mps
+        return wish_on(leg, own, self.gain, speed_mps) if leg.round else None
 
     def _terms(self, snapshot: PeerSnapshot, formation: Formation) -> tuple[complex, complex]:
         """The law's consensus, with the mean-error feedback, and its avoidance [m/s]."""

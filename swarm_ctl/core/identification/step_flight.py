@@ -336,6 +336,7 @@ def _plan(steps: Steps, typical: Response, tick_s: float, here: Geodetic) -> Pla
         prepare_timeout_s=30.0,
         agents=(AgentPlan(_ID, (0.0, 0.0), ()),),
         shapes=(),
+        zones=(),
         steps=(
             TakeoffStep(steps.height_m, up_s),
             FormStep("start", ((0.0, 0.0),), tolerance_m=1.0, settle_s=1.0, timeout_s=spare_s),

@@ -111,17 +111,9 @@ def margins_of(
     of `scale_m`."""
     r_in, span = law.r_in * unit_m, (law.r_out - law.r_in) * unit_m
     keep_out, most = r_in + _KEEP_OUT * span, response.acceleration_mps2
-    lag_s = _LAG_ERROR * response.lag_s
-
-    def circles(x: float) -> float:
-        """The speed of the proven bound x F(2 v tau / x) = _SPARE r_in, with
-        tau = lag + _TURNS v / most."""
-        widest = 0.5 * _widest(_SPARE * r_in / x) * x
-        return 2.0 * widest / (lag_s + math.sqrt(lag_s * lag_s + 4.0 * _TURNS / most * widest))
-
-    slow = min(circles(keep_out), speed_mps)
+    slow = min(circling(_SPARE * r_in, keep_out, response, share=0.5), speed_mps)
     zone = _ZONE * span
-    while _PASSING * circles(keep_out + zone) < speed_mps:
+    while _PASSING * circling(_SPARE * r_in, keep_out + zone, response, share=0.5) < speed_mps:
         zone += _STEP * span
     growth, r, spare = _GROWTH * span, law.r * unit_m, keep_out - _LEFT * r_in
     stops = (speed_mps - slow) ** 2 / (2.0 * most)
@@ -131,6 +123,22 @@ def margins_of(
     guards_from = _GUARD_AT * r - 2.0 * speed_mps / _GUARD_RATE
     lengths = (keep_out, growth, zone, slow, speed_mps, r, spare, most)
     return Margins(*(length / scale_m for length in (*lengths, firm, reach, farthest, guards_from)))
+
+
+def circling(kept: float, x: float, response: Response, *, share: float = 1.0) -> float:
+    """The speed v at which stop points that circle at distance x keep positions at distance `kept`
+    by the proven bound, x F(v tau / (share x)) = kept, with tau = lag + _TURNS v / most.
+
+    Args:
+        kept: of positions, less than x [m, as x].
+        x: of stop points.
+        response: of the vehicle.
+        share: of the velocity between the two that each has: 0.5 for two vehicles, 1 for one round
+            a corner.
+    """
+    most, lag_s = response.acceleration_mps2, _LAG_ERROR * response.lag_s
+    widest = share * _widest(kept / x) * x
+    return 2.0 * widest / (lag_s + math.sqrt(lag_s * lag_s + 4.0 * _TURNS / most * widest))
 
 
 def minded(unsure_s: float, margins: Margins) -> float:

@@ -2,8 +2,8 @@
 it.
 
 A *source* of constraints is a function that puts rows (`program.Row`) into the list; each row says
-which source it is from, which aircraft it is about, and whether it is soft. `decided` collects
-them. A new source is one function, one number, and one line there.
+which source it is from, what it is about, and at which level it gives way. `decided` collects them.
+A new source is one function, one number, and one line there.
 """
 
 from __future__ import annotations
@@ -11,14 +11,24 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from swarm_ctl.core.kernel.constraints import Margins, Other, cap, guard, keep_out, unsure
-from swarm_ctl.core.kernel.program import Row, relaxed
+from swarm_ctl.core.kernel.program import LINK, PAIR, WALL, Row, relaxed
 from swarm_ctl.core.kernel.sequences import put
+from swarm_ctl.core.kernel.walls import (
+    NO_WALL,
+    NO_WALL_MARGINS,
+    Wall,
+    WallMargins,
+    keep_off,
+    wall_cap,
+)
 from swarm_ctl.core.kernel.wish import limited
 
-PAIRS: Final = 0
+WALLS: Final = 0
+"""Rows that keep out of zones, and inside the fence."""
+PAIRS: Final = 1
 """Rows that keep apart from another aircraft."""
-LINKS: Final = 1
-"""Soft rows that keep a link of the formation."""
+LINKS: Final = 2
+"""Rows that keep a link of the formation."""
 UNTOUCHED: Final = 1e-6
 """A velocity this close to the wish counts as unchanged."""
 
@@ -67,6 +77,35 @@ class Decision(NamedTuple):
     """Hard rows excluded each other, and gave way."""
 
 
+class NearWall(NamedTuple):
+    """A wall that is near, and the lengths of its clearance."""
+
+    wall: Wall
+    margins: WallMargins
+
+
+NO_NEAR_WALL: Final = NearWall(NO_WALL, NO_WALL_MARGINS)
+
+
+def keep_off_walls(
+    rows: list[Row], used: int, walls: list[NearWall], near: int, own: Own, margins: Margins
+) -> tuple[int, float, bool]:
+    """Rows of the first `near` walls; then the speed that is allowed near them, and whether one is
+    so close that the velocity which the formation shares has to give way."""
+    moving, speed = own.moving, margins.speed
+    most, close = speed, False
+    for k in range(near):
+        wall, lengths = walls[k]
+        bound = keep_off(wall.gap, lengths) - (wall.normal.conjugate() * moving).real
+        most = min(most, wall_cap(wall.gap, own.doubt_s, lengths))
+        close = close or (moving != 0j and most < speed)
+        if bound > -speed or moving != 0j:
+            normal = wall.normal
+            row = Row(normal.real, normal.imag, bound, WALL, WALLS, wall.about)
+            used = put(rows, used, row)
+    return used, most, close
+
+
 def keep_apart(
     rows: list[Row], used: int, others: list[Other], near: int, own: Own, margins: Margins
 ) -> tuple[int, float, bool]:
@@ -83,7 +122,7 @@ def keep_apart(
             close = close or room < margins.zone
         most = min(most, cap(room, unsure(own.doubt_s, own.response_s, other), margins))
         if bound > -speed or not stands:
-            used = put(rows, used, Row(normal.real, normal.imag, bound, False, PAIRS, other.about))
+            used = put(rows, used, Row(normal.real, normal.imag, bound, PAIR, PAIRS, other.about))
     return used, most, close
 
 
@@ -100,7 +139,7 @@ def keep_links(
         normal, bound = guard(link.apart, others, margins)
         bound += (normal.conjugate() * link.turning).real
         if bound > -margins.speed:
-            used = put(rows, used, Row(normal.real, normal.imag, bound, True, LINKS, link.about))
+            used = put(rows, used, Row(normal.real, normal.imag, bound, LINK, LINKS, link.about))
     return used
 
 
@@ -110,26 +149,31 @@ def decided(
     near: int,
     links: list[Link],
     guarded: int,
+    walls: list[NearWall],
+    walled: int,
     own: Own,
     margins: Margins,
     rows: list[Row],
 ) -> Decision:
-    """The velocity nearest to the wish, within the speed limit, that keeps apart from the first
-    `near` aircraft of `others` and, for the first `guarded` of `links`, together. `rows` is filled
-    anew."""
-    used, most, close = keep_apart(rows, 0, others, near, own, margins)
+    """The velocity nearest to the wish, within the speed limit, that keeps off the first `walled`
+    of `walls`, apart from the first `near` aircraft of `others` and, for the first `guarded` of
+    `links`, together. `rows` is filled anew."""
+    used, off, close = keep_off_walls(rows, 0, walls, walled, own, margins)
+    used, most, closer = keep_apart(rows, used, others, near, own, margins)
     moving = own.moving
-    if close:
+    if close or closer:
         moving = 0j
         still = Own(own.doubt_s, own.response_s, moving)
-        used, most, _ = keep_apart(rows, 0, others, near, still, margins)
+        used, off, _ = keep_off_walls(rows, 0, walls, walled, still, margins)
+        used, most, _ = keep_apart(rows, used, others, near, still, margins)
     used = keep_links(rows, used, links, guarded, moving, margins)
-    if used == 0 and near == 0:
+    if used == 0 and near == 0 and walled == 0:
         return Decision(wish, wish, 0, False, False)
     asked = wish - moving
-    found, slack = relaxed(asked, rows, used, most)
+    found, slacks = relaxed(asked, rows, used, min(off, most))
     touched = abs(found - asked) > UNTOUCHED
     flown = found + moving
     if moving != 0j:
         flown = limited(flown, margins.speed)
-    return Decision(flown, asked, used, touched, touched and slack > 0.0)
+    yielded = touched and (slacks[WALL] > 0.0 or slacks[PAIR] > 0.0)
+    return Decision(flown, asked, used, touched, yielded)

@@ -3,8 +3,8 @@ two dimensions.
 
 Solved incrementally, as linear programs of few dimensions are (de Berg et al., Computational
 Geometry, ch. 4; ORCA does the same): the best so far stays best while nothing forbids it; otherwise
-the best lies on the line that does. Where nothing is allowed, all half-planes are relaxed by the
-same least slack: none is dropped.
+the best lies on the line that does. Where nothing is allowed, the half-planes of the highest level
+that can do it are relaxed by the same least slack: none is dropped.
 """
 
 from __future__ import annotations
@@ -19,6 +19,16 @@ _HALVINGS: Final = 18
 """Of the slack: 1 / 260,000 of the largest violation."""
 
 
+WALL: Final = 0
+"""Levels. Rows of this one give way to each other alone ..."""
+PAIR: Final = 1
+"""... these to walls as well ..."""
+LINK: Final = 2
+"""... and these to all."""
+NONE: Final = (0.0, 0.0, 0.0)
+"""No level gives way."""
+
+
 class Row(NamedTuple):
     """A half-plane of velocities, `north v_n + east v_e >= bound`, and where it comes from."""
 
@@ -26,15 +36,15 @@ class Row(NamedTuple):
     """Of the unit normal, as the next."""
     east: float
     bound: float
-    soft: bool
-    """It gives way before all that are not. Soft rows stand behind the hard ones."""
+    level: int
+    """It gives way before those of lower levels. Rows stand in the order of their levels."""
     source: int
-    """What asks for it: `PAIRS`, `LINKS` of `core/kernel/decide.py`."""
+    """What asks for it: `WALLS`, `PAIRS`, `LINKS` of `core/kernel/decide.py`."""
     about: int
-    """The aircraft that it is about."""
+    """The aircraft that it is about, or the zone."""
 
 
-NO_ROW: Final = Row(1.0, 0.0, 0.0, False, 0, 0)
+NO_ROW: Final = Row(1.0, 0.0, 0.0, WALL, 0, 0)
 
 
 def violated(row: Row, wish: complex) -> bool:
@@ -43,28 +53,33 @@ def violated(row: Row, wish: complex) -> bool:
 
 
 def nearest(
-    wish: complex, rows: Sequence[Row], used: int, cap: float, slack: float, soft_slack: float
+    wish: complex,
+    rows: Sequence[Row],
+    used: int,
+    cap: float,
+    last: int,
+    slacks: tuple[float, float, float],
 ) -> tuple[bool, complex]:
     """Whether the first `used` rows and |v| <= cap allow any velocity, and the one that is nearest
     to the wish.
 
     Args:
         wish: what is asked for.
-        rows: hard ones first.
-        used: how many of them count.
+        rows: by level.
+        used: how many of them are asked.
         cap: the speed that is allowed.
-        slack: by so much hard rows give way.
-        soft_slack: likewise soft ones; under 0: they do not count.
+        last: rows of higher levels do not count.
+        slacks: by so much the rows of each level give way.
     """
     x, y = wish.real, wish.imag
     size = math.hypot(x, y)
     if size > cap:
         x, y = x / size * cap, y / size * cap
     for k in range(used):
-        nx, ny, b, soft, _, _ = rows[k]
-        if soft and soft_slack < 0.0:
+        nx, ny, b, level, _, _ = rows[k]
+        if level > last:
             break
-        b -= soft_slack if soft else slack
+        b -= slacks[level]
         if nx * x + ny * y >= b - _EXACT:
             continue
         room = cap * cap - b * b
@@ -73,8 +88,8 @@ def nearest(
         high = math.sqrt(room)
         low = -high
         for i in range(k):
-            mx, my, c, gives, _, _ = rows[i]
-            c -= soft_slack if gives else slack
+            mx, my, c, lower, _, _ = rows[i]
+            c -= slacks[lower]
             slope, missing = my * nx - mx * ny, c - b * (mx * nx + my * ny)
             if abs(slope) < _PARALLEL:
                 if missing > _EXACT:
@@ -90,30 +105,31 @@ def nearest(
     return True, complex(x, y)
 
 
-def relaxed(wish: complex, rows: Sequence[Row], used: int, cap: float) -> tuple[complex, float]:
-    """As `nearest`, giving way where not all rows are possible together: the soft ones first, by
-    the least common slack, then the hard ones. Returns the velocity and the slack of the hard rows
-    (0 where they hold)."""
-    exists, found = nearest(wish, rows, used, cap, 0.0, 0.0)
+def relaxed(
+    wish: complex, rows: Sequence[Row], used: int, cap: float
+) -> tuple[complex, tuple[float, float, float]]:
+    """As `nearest`, giving way where not all rows are possible together: level by level, the
+    highest first, by the least common slack of each. Returns the velocity and the slacks (0 where
+    the rows of a level hold)."""
+    exists, found = nearest(wish, rows, used, cap, LINK, NONE)
     if exists:
-        return found, 0.0
-    exists, found = nearest(wish, rows, used, cap, 0.0, -1.0)
-    slack = 0.0
-    if not exists:
-        # with that much slack standing still is allowed
-        most = -math.inf
+        return found, NONE
+    slacks, found = NONE, 0j
+    for level in range(LINK + 1):
+        if level == WALL and rows[0].level > WALL:
+            continue
+        exists, allowed = nearest(wish, rows, used, cap, level, slacks)
+        if exists:
+            found = allowed
+            continue
+        # with that much slack what was found so far is allowed; at first, to stand still
+        most = 0.0
         for k in range(used):
-            if not rows[k].soft:
-                most = max(most, rows[k].bound)
-        found, slack = _least(wish, rows, used, cap, 0j, most, -1.0)
-    most = 0.0
-    for k in range(used):
-        nx, ny, b, soft, _, _ = rows[k]
-        if soft:
-            most = max(most, b - nx * found.real - ny * found.imag)
-    if most > 0.0:
-        found, _ = _least(wish, rows, used, cap, found, most, slack)
-    return found, slack
+            row = rows[k]
+            if row.level == level:
+                most = max(most, row.bound - row.north * found.real - row.east * found.imag)
+        found, slacks = _least(wish, rows, used, cap, level, slacks, found, most)
+    return found, slacks
 
 
 def _least(
@@ -121,22 +137,28 @@ def _least(
     rows: Sequence[Row],
     used: int,
     cap: float,
+    level: int,
+    slacks: tuple[float, float, float],
     best: complex,
     high: float,
-    firm: float,
-) -> tuple[complex, float]:
-    """The least slack that allows something; `best` is allowed with slack `high`. It is that of the
-    soft rows beside a slack `firm` of the hard ones; where `firm` is under 0, of the hard ones
-    alone."""
+) -> tuple[complex, tuple[float, float, float]]:
+    """The least slack of the rows of this level that allows something, beside the `slacks` of the
+    lower ones; `best` is allowed with slack `high`."""
     low = 0.0
     for _ in range(_HALVINGS):
         slack = 0.5 * (low + high)
-        if firm < 0.0:
-            exists, found = nearest(wish, rows, used, cap, slack, -1.0)
-        else:
-            exists, found = nearest(wish, rows, used, cap, firm, slack)
+        exists, found = nearest(wish, rows, used, cap, level, _with(slacks, level, slack))
         if exists:
             high, best = slack, found
         else:
             low = slack
-    return best, high
+    return best, _with(slacks, level, high)
+
+
+def _with(
+    slacks: tuple[float, float, float], level: int, slack: float
+) -> tuple[float, float, float]:
+    wall, pair, link = slacks
+    if level == WALL:
+        return slack, pair, link
+    return (wall, slack, link) if level == PAIR else (wall, pair, slack)

@@ -31,6 +31,7 @@ from swarm_ctl.core.model.policies import DERIVED
 from swarm_ctl.core.model.policies import Policies as Policies
 from swarm_ctl.core.model.policies import Policy as Policy
 from swarm_ctl.core.model.steps.table import AnyStep
+from swarm_ctl.core.model.zones import Zone as Zone
 
 _SLOW_LAG_S = 0.7
 _CALM_RATE = 2.0
@@ -189,6 +190,7 @@ class Plan:
     steps: tuple[AnyStep, ...]
     fence: Fence | None
     safety: Safety
+    zones: tuple[Zone, ...]
 
     @property
     def group(self) -> GroupPlan:

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Final
 
 from swarm_ctl.core.kernel import constraints
 from swarm_ctl.core.kernel.constraints import Margins, Other, margins_of
-from swarm_ctl.core.kernel.decide import PAIRS, Link, Own, decided
+from swarm_ctl.core.kernel.decide import PAIRS, WALLS, Decision, Link, NearWall, Own, decided
 from swarm_ctl.core.kernel.program import Row, violated
 from swarm_ctl.core.kernel.release import NO_RELEASE, SWIRL_OFF, noted, swirled, turned
 from swarm_ctl.core.kernel.wish import limited
@@ -19,7 +20,12 @@ from swarm_ctl.core.law.own_response import OwnResponse
 from swarm_ctl.core.model.messages import SafetyReport
 from swarm_ctl.core.model.plan import Plan, Point, Response
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
+from swarm_ctl.core.safety.surroundings import Surroundings
 from swarm_ctl.core.swarm.snapshot import Formation, OtherAircraft, PeerSnapshot
+
+_KEPT_S: Final = 2.0
+"""Longer than a vehicle takes to brake and turn aside."""
+_NOTHING: Final = -2
 
 
 class SafetyFilter:
@@ -33,6 +39,18 @@ class SafetyFilter:
         self._own = own_id
         self.estimate = estimate
         self._margins = margins_of(plan.law, vehicle, plan.limits.speed_mps, plan.unit_m)
+        self._surroundings = Surroundings(plan.zones, plan.fence, vehicle, plan.limits.speed_mps)
+        self.height_m = self.climbs_m = 0.0
+        """Of the vehicle, above the origin, and how far it is to climb: zones end at heights."""
+        self.loose = False
+        """The vehicle is on a way round a zone: its links may stretch."""
+        self.wish = 0j
+        """This tick's."""
+        self._kept = _NOTHING, 0
+        """The wall that forbids the wish, and for how many ticks."""
+        self.waits = False
+        """A zone is over or under the vehicle where it is to climb or to sink: it leaves that place
+        first."""
         self._swirl_off_m = (plan.law.r_out + SWIRL_OFF) * plan.unit_m
         self.reach_m = max(self._margins.farthest, self._swirl_off_m)
         """An aircraft farther away constrains nothing."""
@@ -97,7 +115,12 @@ class SafetyFilter:
         links = self._guarded(snapshot, own, formation)
         estimate, rows = self.estimate, self._rows
         itself = Own(estimate.doubt_s, estimate.response_s, formation.velocity)
-        found = decided(wish, near, len(near), links, len(links), itself, self._margins, rows)
+        walls = self._walls(own)
+        near_by = (near, len(near), links, len(links), walls, len(walls))
+        found = decided(wish, *near_by, itself, self._margins, rows)
+        self.wish = wish
+        if walls or self._kept[1]:
+            self._note_walls(found)
         if found.touched:
             self._touched += 1
             self._yielded += found.yielded
@@ -107,6 +130,34 @@ class SafetyFilter:
                 if row.source == PAIRS and violated(row, found.wish)
             )
         return found.velocity
+
+    def over_zone(self, own: complex) -> str:
+        """The zone that a vehicle at `own` would come down in, or beside nearer than it may: `zone
+        oak`; '': none."""
+        near = self._surroundings.near(own, -math.inf, self.height_m)
+        return self._surroundings.nearest_zone(near)
+
+    @property
+    def kept_off(self) -> str:
+        """The wall that has forbidden the wish for some seconds: `zone oak`, or ''."""
+        about, ticks = self._kept
+        return self._surroundings.name(about) if ticks * self._plan.tick_s >= _KEPT_S else ""
+
+    def _note_walls(self, found: Decision) -> None:
+        forbids = _NOTHING
+        for row in self._rows[: found.used]:
+            if row.source == WALLS and violated(row, found.wish):
+                forbids = row.about
+        about, ticks = self._kept
+        self._kept = (forbids, ticks + 1 if forbids == about else 1)
+        if forbids == _NOTHING:
+            self._kept = _NOTHING, 0
+
+    def _walls(self, own: complex) -> list[NearWall]:
+        low_m, high_m = sorted((self.height_m, self.height_m + self.climbs_m))
+        walls = self._surroundings.near(own, low_m, high_m)
+        self.waits = bool(walls) and self._surroundings.blocked(walls, self.height_m)
+        return walls
 
     def _others(self, snapshot: PeerSnapshot, own: complex, formation: Formation) -> list[Other]:
         """All aircraft that may constrain this tick."""
@@ -127,7 +178,7 @@ class SafetyFilter:
         """The links that the shape keeps and that are long; those to peers that fly another
         formation are left out."""
         links = list[Link]()
-        if not self._plan.safety.guard:
+        if not self._plan.safety.guard or self.loose:
             return links
         guarded = self._links.guarded(
             self._own, formation, self._margins, self._plan.unit_m, self.release.left_s > 0.0

@@ -55,6 +55,7 @@ def plan_of(mission: MissionFile) -> Plan:
         steps=steps,
         fence=_fence(mission, list(starts.values()), steps),
         safety=safety,
+        zones=(),
     )
 
 

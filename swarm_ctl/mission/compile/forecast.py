@@ -101,7 +101,7 @@ def forecast_forms(plan: Plan) -> list[FormForecast]:
         formation = step.after(formation)
         if (form := step.new_shape) is not None:
             links = form.neighbours or links
-            points, found = _form(plan, form, points, links)
+            points, found = _form(plan, form, points, links, formation.height_m)
             forecasts.append(found)
             # The law lets the centre drift; the next steps go on from there.
             north, east = (points.mean(axis=0) * plan.unit_m).tolist()
@@ -111,9 +111,11 @@ def forecast_forms(plan: Plan) -> list[FormForecast]:
     return forecasts
 
 
-def _form(plan: Plan, step: FormStep, points: Array, links: Links) -> tuple[Array, FormForecast]:
+def _form(
+    plan: Plan, step: FormStep, points: Array, links: Links, height_m: float
+) -> tuple[Array, FormForecast]:
     """The points [units] at the end of a form step that begins at `points`, and its forecast."""
-    swarm = Rehearsal(plan, step, points, links)
+    swarm = Rehearsal(plan, step, points, links, height_m)
     slots, ids = np.array(step.slots, dtype=np.float64), [agent.id for agent in plan.agents]
     formed_s, since_s = None, None
     nearest, farthest = np.full(swarm.linked.shape, np.inf), 0.0

@@ -31,6 +31,8 @@ from swarm_ctl.core.kernel.wish import limited
 from swarm_ctl.core.model.arrays import Bools, Floats, complex_of, plane_of
 from swarm_ctl.core.model.plan import Compensation, Plan
 from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.safety.own_way import OwnWay, wish_on
+from swarm_ctl.core.safety.surroundings import Surroundings
 from swarm_ctl.own_laws import law_of
 
 
@@ -42,10 +44,16 @@ class Rehearsal:
         step: the form step.
         points: where the agents stand (n, 2) [units].
         links: N_i by agent id, in the order of `plan.agents`.
+        height_m: above the origin.
     """
 
     def __init__(
-        self, plan: Plan, step: FormStep, points: Floats, links: Sequence[tuple[int, ...]]
+        self,
+        plan: Plan,
+        step: FormStep,
+        points: Floats,
+        links: Sequence[tuple[int, ...]],
+        height_m: float,
     ) -> None:
         self._plan, self._unit_m = plan, plan.unit_m
         self._ids = [agent.id for agent in plan.agents]
@@ -71,6 +79,11 @@ class Rehearsal:
         self._tight: Bools = np.asarray(tight(gaps, self._margins))
         self._pairs: list[Pair] = []
         self._rows: list[Row] = []
+        self._surroundings = Surroundings(plan.zones, plan.fence, plan.response, speed_mps, unit_m)
+        self._height_m = height_m
+        self._ways = [
+            OwnWay(plan.zones, plan.fence, plan.response, speed_mps, plan.tick_s) for _ in self._ids
+        ]
 
     @property
     def points(self) -> Floats:
@@ -91,7 +104,7 @@ class Rehearsal:
         points = [place / unit_m for place in self._place] if plain else stops
         apart = np.abs(np.subtract.outer(stops, stops))
         np.fill_diagonal(apart, np.inf)
-        wishes = self._terms(points)
+        wishes = self._round_zones(points, self._terms(points))
         flown = [self._flown(i, stops, apart[i], *wishes[i]) for i in range(len(stops))]
         for i, velocity in enumerate(flown):
             setpoint = self._setpoint[i] = velocity * unit_m
@@ -116,6 +129,22 @@ class Rehearsal:
                 wish += align.pull(error, total - error, count - 1)
             wishes.append((wish, avoidance * plan.kappa))
         return wishes
+
+    def _round_zones(
+        self, points: list[complex], wishes: list[tuple[complex, complex]]
+    ) -> list[tuple[complex, complex]]:
+        """The same, with the consensus of those that go round a zone to their places."""
+        if self._ways[0].free:
+            return wishes
+        errors = [point - slot for point, slot in zip(points, self._slots, strict=True)]
+        mean, unit_m, plan = sum(errors) / len(errors), self._unit_m, self._plan
+        gain, most = plan.kappa * plan.law.h, plan.limits.speed_mps
+        heights, found = (self._height_m, self._height_m), []
+        for way, own, slot, wish in zip(self._ways, points, self._slots, wishes, strict=True):
+            leg = way.leg(own * unit_m, (slot + mean) * unit_m, *heights)
+            bent = wish_on(leg, own * unit_m, gain, most) / unit_m
+            found.append((bent, wish[1]) if leg.round else wish)
+        return found
 
     def _paper_terms(self, points: list[complex]) -> list[tuple[complex, complex]]:
         """Of each agent; those that are neither neighbours nor close are not asked for."""
@@ -176,9 +205,9 @@ class Rehearsal:
             others, links = self._others(i, stops, apart), self._links(i, stops, apart)
             estimate = self._estimate[i]
             own = Own(estimate.doubt_s, response_s(estimate, self._model), 0j)
-            wish = decided(
-                wish, others, len(others), links, len(links), own, margins, self._rows
-            ).velocity
+            walls = self._surroundings.near(stops[i], self._height_m, self._height_m)
+            near = (others, len(others), links, len(links), walls, len(walls))
+            wish = decided(wish, *near, own, margins, self._rows).velocity
         if safety.release:
             self._release[i] = noted(self._release[i], consensus, wish, margins.speed, tick_s)
         return wish

@@ -34,6 +34,7 @@ from swarm_ctl.core.kernel import (
     release,
     response,
     sequences,
+    walls,
     wish,
 )
 from swarm_ctl.core.model import arrays, plan, timeouts
@@ -43,7 +44,7 @@ from swarm_ctl.study.batch.missions import Missions, Setup
 Fly = Callable[[Setup, Missions, int, int, int], None]
 _MODULES: Final[tuple[ModuleType, ...]] = (
     *(align, boundary, coast, constraints, decide, exchange, law, program, release, response),
-    *(sequences, wish, flight),
+    *(sequences, walls, wish, flight),
 )
 SOURCES: Final = (*_MODULES, missions, timeouts, arrays, plan)
 """Their constants are compiled in, and the types of their records."""

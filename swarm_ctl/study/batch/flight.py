@@ -24,7 +24,7 @@ from swarm_ctl.core.kernel.constraints import (
     minded,
     tight,
 )
-from swarm_ctl.core.kernel.decide import NO_LINK, Link, Own, decided
+from swarm_ctl.core.kernel.decide import NO_LINK, NO_NEAR_WALL, Link, NearWall, Own, decided
 from swarm_ctl.core.kernel.exchange import Part, Said, Shape, nothing_said, took_part
 from swarm_ctl.core.kernel.law import NO_PAIR, Law, Pair, terms
 from swarm_ctl.core.kernel.program import NO_ROW, Row
@@ -66,6 +66,7 @@ def fly(s: Setup, many: Missions, first: int, ticks: int, stages: int) -> None:
     linked, present, lower = np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
     age_s, places = np.zeros(n, np.float64), np.zeros(n, np.int64)
     others, guarded, rows, pairs = [NO_OTHER], [NO_LINK], [NO_ROW], [NO_PAIR]
+    walls = [NO_NEAR_WALL]
     told = [nothing_said(0)]
     for k in range(len(many.whole)):
         w = many.whole[k]
@@ -121,6 +122,7 @@ def fly(s: Setup, many: Missions, first: int, ticks: int, stages: int) -> None:
                     places,
                     others,
                     guarded,
+                    walls,
                     rows,
                     pairs,
                     tick,
@@ -446,6 +448,7 @@ def _act(
     places: Ints,
     others: list[Other],
     guarded: list[Link],
+    walls: list[NearWall],
     rows: list[Row],
     pairs: list[Pair],
     tick: int,
@@ -548,7 +551,7 @@ def _act(
                 wish, release = turned(release, wish, consensus, i + 1, margins.speed, s.tick_s)
             wish = limited(wish, margins.speed)
             mine = Own(doubt_s, response_s, 0j)
-            choice = decided(wish, others, near, guarded, links, mine, margins, rows)
+            choice = decided(wish, others, near, guarded, links, walls, 0, mine, margins, rows)
             a.wish = choice.velocity
             if s.releases:
                 release = noted(release, consensus, choice.velocity, margins.speed, s.tick_s)

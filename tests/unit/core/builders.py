@@ -79,6 +79,7 @@ def plan(last: Step | None = None, agents: int = 3, **changes: Any) -> Plan:
             AgentPlan(i, (0.0, 5.0 * (i - 1)), tuple(j for j in ids if j != i)) for i in ids
         ),
         shapes=(),
+        zones=(),
         steps=(*STEPS, last or LandStep(60.0)),
         fence=None,
         safety=Safety(),

@@ -82,6 +82,7 @@ def hexagon_plan(count: int = 6) -> Plan:
         ),
         fence=None,
         safety=Safety(),
+        zones=(),
     )
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from swarm_ctl.core.kernel import constraints
 from swarm_ctl.core.kernel.constraints import Margins, Other, cap, margins_of, minded
-from swarm_ctl.core.kernel.program import Row, relaxed
+from swarm_ctl.core.kernel.program import PAIR, Row, relaxed
 from swarm_ctl.core.kernel.release import NO_RELEASE, noted, swirled, turned
 from swarm_ctl.core.model.plan import LawParameters, Response
 
@@ -122,12 +122,12 @@ def test_integrators_that_start_apart_stay_apart_whatever_they_wish(
             for j, b in enumerate(s):
                 if i != j:
                     n, bound, room = keep_out_plane(a - b, i < j, heard(), MARGINS)
-                    planes[i].append(Row(n.real, n.imag, bound, False, 0, 0))
+                    planes[i].append(Row(n.real, n.imag, bound, PAIR, 0, 0))
                     rooms[i] = min(rooms[i], room)
         for i, wish in enumerate(wishes[: len(s)]):
             allowed = cap(rooms[i], 0.05, MARGINS)
-            flown, slack = relaxed(complex(*wish), planes[i], len(planes[i]), allowed)
-            assert slack < 1e-6
+            flown, slacks = relaxed(complex(*wish), planes[i], len(planes[i]), allowed)
+            assert slacks[PAIR] < 1e-6
             s[i] += 0.05 * flown
         assert all(abs(a - b) >= MARGINS.keep_out - 1e-4 for i, a in enumerate(s) for b in s[:i])
 

@@ -19,14 +19,14 @@ def other(about: int, apart: complex, *, along: bool = True) -> Other:
 def test_one_that_forbids_nothing_within_the_speed_limit_asks_for_no_row() -> None:
     others = [other(2, complex(-FAR_M, 0.0)), other(3, complex(0.0, MARGINS.keep_out))]
     rows: list[Row] = []
-    found = decided(5 + 0j, others, 2, [], 0, Own(0.0, 0.6, 0j), MARGINS, rows)
+    found = decided(5 + 0j, others, 2, [], 0, [], 0, Own(0.0, 0.6, 0j), MARGINS, rows)
     assert [row.about for row in rows[: found.used]] == [3]
-    alone = decided(5 + 0j, others[1:], 1, [], 0, Own(0.0, 0.6, 0j), MARGINS, [])
+    alone = decided(5 + 0j, others[1:], 1, [], 0, [], 0, Own(0.0, 0.6, 0j), MARGINS, [])
     assert alone.velocity == found.velocity
 
 
 def test_one_that_a_moving_formation_meets_asks_for_its_row_from_farther_away() -> None:
     """Rows are about the difference to the velocity that the formation shares."""
     others = [other(2, complex(-FAR_M, 0.0), along=False)]
-    found = decided(5 + 0j, others, 1, [], 0, Own(0.0, 0.6, 5 + 0j), MARGINS, [])
+    found = decided(5 + 0j, others, 1, [], 0, [], 0, Own(0.0, 0.6, 5 + 0j), MARGINS, [])
     assert found.used == 1

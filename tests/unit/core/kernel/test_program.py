@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from swarm_ctl.core.kernel import program
-from swarm_ctl.core.kernel.program import Row
+from swarm_ctl.core.kernel.program import LINK, NONE, PAIR, WALL, Row
 
 Plane = tuple[float, float, float]
 Vector = tuple[float, float]
@@ -26,18 +26,19 @@ caps = st.floats(0.1, 1.5)
 
 
 def rows(hard: list[Plane], soft: list[Plane]) -> list[Row]:
-    return [Row(*plane, k >= len(hard), 0, 0) for k, plane in enumerate([*hard, *soft])]
+    levels = [PAIR] * len(hard) + [LINK] * len(soft)
+    return [Row(*plane, level, 0, 0) for plane, level in zip([*hard, *soft], levels, strict=True)]
 
 
 def nearest(wish: Vector, planes: list[Plane], cap: float) -> Vector | None:
-    exists, v = program.nearest(complex(*wish), rows(planes, []), len(planes), cap, 0.0, 0.0)
+    exists, v = program.nearest(complex(*wish), rows(planes, []), len(planes), cap, LINK, NONE)
     return (v.real, v.imag) if exists else None
 
 
 def relaxed(wish: Vector, hard: list[Plane], soft: list[Plane], cap: float) -> tuple[Vector, float]:
     asked = rows(hard, soft)
-    v, slack = program.relaxed(complex(*wish), asked, len(asked), cap)
-    return (v.real, v.imag), slack
+    v, slacks = program.relaxed(complex(*wish), asked, len(asked), cap)
+    return (v.real, v.imag), slacks[PAIR]
 
 
 def inside(v: tuple[float, float], of: list[Plane], cap: float, slack: float = 1e-6) -> bool:
@@ -90,3 +91,24 @@ def test_slack_is_the_least(
     ends = [-b for _, _, b in hard] + [cap] * 64
     least = linprog([0, 0, 1], A_ub=rows, b_ub=ends, bounds=[(None, None), (None, None), (0, None)])
     assert slack == pytest.approx(least.fun, abs=5e-3)
+
+
+standing = st.lists(
+    st.builds(lambda a, b: (math.cos(a), math.sin(a), b), angles, st.floats(-1.2, 0.0)),
+    min_size=1,
+    max_size=5,
+)
+
+
+@given(st.tuples(numbers, numbers), standing, planes, planes, caps)
+def test_no_wall_that_holds_gives_way(
+    wish: Vector, walls: list[Plane], hard: list[Plane], soft: list[Plane], cap: float
+) -> None:
+    """A vehicle that stands satisfies each wall that holds. So whatever pairs and links ask for,
+    they give way, and the walls have no slack."""
+    asked = [Row(*wall, WALL, 0, 0) for wall in walls] + rows(hard, soft)
+    v, slacks = program.relaxed(complex(*wish), asked, len(asked), cap)
+    assert slacks[WALL] == 0.0
+    assert inside((v.real, v.imag), walls, cap)
+    between = [(nx, ny, b - slacks[PAIR]) for nx, ny, b in hard]
+    assert inside((v.real, v.imag), between, cap, 1e-4)

@@ -1,0 +1,142 @@
+"""The way of one vehicle to its place, round zones and inside the fence: the next corner to fly to.
+
+The map (`ways.py`) is made once for the zones that are in the way; a way is looked for when the
+straight line is cut, and again when the place has moved or the vehicle has left its way. Metres in
+the common frame; a point is the complex number north + 1j * east.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+from swarm_ctl.core.kernel.walls import wall_margins_of
+from swarm_ctl.core.model.geometry import Point
+from swarm_ctl.core.model.plan import Fence, Response
+from swarm_ctl.core.model.zones import Zone
+from swarm_ctl.core.safety.ways import WayMap
+
+_LOOKS_S: Final = 0.2
+"""Between two looks at whether the line is free: meanwhile the filter keeps off."""
+_INSIDE_M: Final = 0.15
+"""A line may come so much nearer than the filter keeps, and ..."""
+_BESIDE_M: Final = 0.4
+"""... corners stand so much farther out than that: there is a way from where the filter has stopped
+a vehicle, and corners are passed without being slowed."""
+_MOVED_M: Final = 1.0
+"""A place that has moved by more has another way."""
+
+
+class Leg(NamedTuple):
+    """What is flown next."""
+
+    to: complex
+    """The place itself, or the next corner of the way."""
+    left_m: float
+    """From here to the place, along the way."""
+    round: str
+    """The zone that cuts the straight line: `zone oak`; '': none does."""
+    exists: bool = True
+    """There is a way."""
+
+
+class OwnWay:
+    """One vehicle's way. `response` and `speed_mps` are those of the vehicle."""
+
+    def __init__(
+        self,
+        zones: Sequence[Zone],
+        fence: Fence | None,
+        response: Response,
+        speed_mps: float,
+        tick_s: float,
+    ) -> None:
+        self._zones, self._response, self._speed_mps = tuple(zones), response, speed_mps
+        self._fence_m = fence.polygon_m if fence else ()
+        self.free = not self._zones and _convex(self._fence_m)
+        """Each straight line is."""
+        self._maps: dict[tuple[int, ...], WayMap] = {}
+        self._every, self._calls = max(1, round(_LOOKS_S / tick_s)), 0
+        self._way: list[complex] = []
+        self._leg: Leg | None = None
+        self._goal = 0j
+
+    def leg(self, own: complex, goal: complex, low_m: float, high_m: float) -> Leg:
+        """Towards a place, for a vehicle between these heights."""
+        straight = Leg(goal, abs(goal - own), "")
+        if self.free:
+            return straight
+        self._calls += 1
+        leg = self._leg
+        moved = abs(goal - self._goal) > _MOVED_M
+        if leg is None or moved or self._calls % self._every == 0:
+            leg = self._leg = self._looked(own, goal, low_m, high_m)
+            self._goal = goal
+        if not leg.round:
+            return straight
+        return leg._replace(left_m=leg.left_m if not leg.exists else self._left_m(own))
+
+    def _looked(self, own: complex, goal: complex, low_m: float, high_m: float) -> Leg:
+        zones = tuple(k for k, zone in enumerate(self._zones) if zone.blocks(low_m, high_m))
+        if zones not in self._maps:
+            self._maps = {zones: self._map(zones)}
+        ways, here, there = self._maps[zones], _point(own), _point(goal)
+        if ways.open_line(here, there):
+            self._way = []
+            return Leg(goal, abs(goal - own), "")
+        way = self._way
+        kept = way and abs(way[-1] - goal) <= _MOVED_M and ways.open_line(here, _point(way[0]))
+        if not kept:
+            found = ways.shortest(here, there)
+            way = [complex(*corner) for corner in found[1:]] if found else []
+        while len(way) > 1 and ways.open_line(here, _point(way[1])):
+            way = way[1:]
+        self._way = way
+        name = self._cut(own, goal, zones)
+        if not way:
+            return Leg(own, 0.0, name, exists=False)
+        return Leg(way[0], 0.0, name)
+
+    def _left_m(self, own: complex) -> float:
+        return sum(abs(b - a) for a, b in itertools.pairwise((own, *self._way)))
+
+    def _map(self, zones: tuple[int, ...]) -> WayMap:
+        outlines = [
+            (zone.corners_m, zone.radius_m, self._keep_m(zone.clearance_m))
+            for zone in (self._zones[k] for k in zones)
+        ]
+        return WayMap(outlines, self._fence_m, self._keep_m(0.0), beside_m=_BESIDE_M)
+
+    def _keep_m(self, clearance_m: float) -> float:
+        return wall_margins_of(clearance_m, self._response, self._speed_mps).keep - _INSIDE_M
+
+    def _cut(self, own: complex, goal: complex, zones: tuple[int, ...]) -> str:
+        """The first zone on the straight line."""
+        found = list[tuple[float, str]]()
+        for k in zones:
+            zone = self._zones[k]
+            alone = WayMap([(zone.corners_m, zone.radius_m, self._keep_m(zone.clearance_m))])
+            if not alone.open_line(_point(own), _point(goal)):
+                middle = sum(complex(*corner) for corner in zone.corners_m) / len(zone.corners_m)
+                found.append((abs(middle - own), f"zone {zone.name}"))
+        return min(found)[1] if found else "the fence"
+
+
+def _point(at: complex) -> Point:
+    return at.real, at.imag
+
+
+def _convex(corners: Sequence[Point]) -> bool:
+    points = [complex(*corner) for corner in corners]
+    turns = [
+        ((b - a).conjugate() * (c - b)).imag
+        for a, b, c in zip(points, points[1:] + points[:1], points[2:] + points[:2], strict=True)
+    ]
+    return all(turn >= 0.0 for turn in turns) or all(turn <= 0.0 for turn in turns)
+
+
+def wish_on(leg: Leg, own: complex, gain: float, most_mps: float) -> complex:
+    """The velocity that flies a leg: slower as the place comes near, none where there is no way."""
+    way = leg.to - own
+    return way / max(abs(way), 1e-9) * min(most_mps, gain * leg.left_m)

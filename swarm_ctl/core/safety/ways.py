@@ -1,0 +1,219 @@
+"""Ways round zones, and inside the fence: the shortest one that stays so far from all of them.
+
+A visibility graph: the nodes stand around the corners of the zones, two are joined where nothing is
+between them, and A* finds the way. What a node sees is worked out when the search first comes to
+it, so that a map of many zones costs what is asked of it. Metres in the common frame.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Sequence
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarm_ctl.core.model.geometry import Point
+from swarm_ctl.core.safety.fence import inside
+
+Floats: TypeAlias = NDArray[np.float64]
+Bools: TypeAlias = NDArray[np.bool_]
+Points: TypeAlias = NDArray[np.complex128]
+
+_ROUND: Final = 12
+"""Nodes around a circle, and as dense around corners."""
+_LONGER: Final = 1.45
+"""Two nodes beside a corner become one where the way there is not much longer: a right angle's."""
+_CORNER_M: Final = 10.0
+
+
+class WayMap:
+    """Where something can go that keeps off the walls. `outlines` are those of zones: corners and
+    radius [m], and how far its middle stays from them; `fence` is stayed inside of, `off_m` from
+    it. Nodes stand `beside_m` farther out than a way may come: none is blocked by a rounding."""
+
+    def __init__(
+        self,
+        outlines: Sequence[tuple[Sequence[Point], float, float]],
+        fence: Sequence[Point] = (),
+        off_m: float = 0.0,
+        *,
+        beside_m: float = 0.05,
+    ) -> None:
+        self._zones = [_complex(corners) for corners, _, _ in outlines]
+        self._fence = _complex(fence)
+        walls = [
+            (corners, radius + keep)
+            for corners, (_, radius, keep) in zip(self._zones, outlines, strict=True)
+        ]
+        walls += [(self._fence, off_m)] if len(fence) else []
+        ends = [corners for corners, _ in walls] or [_NO_POINTS]
+        self._first = np.concatenate(ends)
+        self._last = np.concatenate([np.roll(each, -1) for each in ends])
+        self._reach = np.array([reach for each, reach in walls for _ in each])
+        nodes = np.concatenate([_around(*wall, beside_m) for wall in walls] or [_NO_POINTS])
+        self._nodes = nodes[self.free(nodes)] if len(nodes) else nodes
+        self._seen: dict[int, tuple[NDArray[np.intp], Floats]] = {}
+
+    def free(self, points: Points) -> Bools:
+        """(k,): inside the fence, outside of all zones, and far enough from both."""
+        gaps = _gaps(points, points, self._first, self._last)
+        found: Bools = np.all(gaps > self._reach - 1e-9, axis=1)
+        for corners in self._zones:
+            if len(corners) > 2:
+                found &= ~_inside(corners, points)
+        if len(self._fence):
+            found &= _inside(self._fence, points)
+        return found
+
+    def sees(self, point: complex, others: Points) -> Bools:
+        """(k,): the straight line between them is free, if its ends are."""
+        start = np.full(len(others), point)
+        gaps = _gaps(start, others, self._first, self._last)
+        clear: Bools = np.all(gaps > self._reach - 1e-9, axis=1)
+        return clear
+
+    def shortest(self, start: Point, goal: Point) -> list[Point] | None:
+        """The corners of the shortest way, both ends included; None where there is none. An end
+        that is not free itself is left, or come to, by a straight line."""
+        a, b = complex(*start), complex(*goal)
+        if self._clear(a, b):
+            return [start, goal]
+        nodes, end = self._nodes, len(self._nodes)
+        first = self._open(a, nodes)
+        last = self._open(b, nodes)
+        to_goal = np.abs(nodes - b)
+        best = {int(k): abs(nodes[k] - a) for k in np.flatnonzero(first)}
+        before: dict[int, int] = dict.fromkeys(best, -1)
+        heap = [(length + to_goal[k], k) for k, length in best.items()]
+        heapq.heapify(heap)
+        done = set[int]()
+        while heap:
+            _, k = heapq.heappop(heap)
+            if k in done:
+                continue
+            done.add(k)
+            if k == end:
+                return self._straightened([start, *self._corners(before, k), goal])
+            further, lengths = self._from(k)
+            steps = list(zip(further.tolist(), lengths.tolist(), strict=True))
+            if last[k]:
+                steps.append((end, float(to_goal[k])))
+            for j, step in steps:
+                length = best[k] + step
+                if length < best.get(j, math.inf) - 1e-9:
+                    best[j], before[j] = length, k
+                    heapq.heappush(heap, (length + (to_goal[j] if j < end else 0.0), j))
+        return None
+
+    def _straightened(self, way: list[Point]) -> list[Point]:
+        """With the two nodes beside one corner made one, where that is free: where a way turns, a
+        formation slows down."""
+        k = 1
+        while k + 2 < len(way):
+            a, b, c, d = (complex(*point) for point in way[k - 1 : k + 3])
+            meet = _meeting(a, b, c, d)
+            if meet is not None and self._clear(a, meet) and self._clear(meet, d):
+                way[k : k + 2] = [(meet.real, meet.imag)]
+                k = max(1, k - 1)
+            else:
+                k += 1
+        return way
+
+    def _corners(self, before: dict[int, int], k: int) -> list[Point]:
+        found = list[Point]()
+        while (k := before[k]) >= 0:
+            found.append((float(self._nodes[k].real), float(self._nodes[k].imag)))
+        return found[::-1]
+
+    def free_line(self, start: Point, goal: Point) -> bool:
+        """The straight line keeps off all walls."""
+        return self._clear(complex(*start), complex(*goal))
+
+    def open_line(self, start: Point, goal: Point) -> bool:
+        """The straight line keeps off all walls, or comes no nearer to them than its ends are."""
+        return self._clear(complex(*start), complex(*goal)) or bool(
+            self._open(complex(*start), np.array([complex(*goal)]))[0]
+            and self._open(complex(*goal), np.array([complex(*start)]))[0]
+        )
+
+    def _clear(self, a: complex, b: complex) -> bool:
+        ends = np.array([a, b])
+        return bool(self.free(ends).all() and self.sees(a, ends[1:])[0])
+
+    def _open(self, point: complex, nodes: Points) -> Bools:
+        """(k,): nodes to which the way from this end is free. From an end that stands nearer than
+        it may, the line may not come nearer still."""
+        at = np.array([point])
+        if not len(nodes) or self.free(at)[0]:
+            return self.sees(point, nodes)
+        own = _gaps(at, at, self._first, self._last)[0]
+        start = np.full(len(nodes), point)
+        gaps = _gaps(start, nodes, self._first, self._last)
+        clear: Bools = np.all(gaps > np.minimum(self._reach, own) - 1e-9, axis=1)
+        return clear
+
+    def _from(self, k: int) -> tuple[NDArray[np.intp], Floats]:
+        if k not in self._seen:
+            nodes = self._nodes
+            further = np.flatnonzero(self.sees(complex(nodes[k]), nodes))
+            self._seen[k] = further, np.abs(nodes[further] - nodes[k])
+        return self._seen[k]
+
+
+_NO_POINTS: Final = np.zeros(0, dtype=np.complex128)
+
+
+def _complex(points: Sequence[Point]) -> Points:
+    return np.array([complex(*point) for point in points], dtype=np.complex128)
+
+
+def _around(corners: Points, reach: float, beside_m: float) -> Points:
+    """Nodes around corners: on the polygon around the circle of what is kept, so that the line from
+    one to the next keeps it as well."""
+    out = reach / math.cos(math.pi / _ROUND) + beside_m
+    ring = np.exp(2j * np.pi * np.arange(_ROUND) / _ROUND)
+    nodes: Points = (corners[:, None] + out * ring[None, :]).ravel()
+    return nodes
+
+
+def _inside(corners: Points, points: Points) -> Bools:
+    polygon = [(float(corner.real), float(corner.imag)) for corner in corners]
+    return np.array([inside(polygon, (p.real, p.imag)) for p in points.tolist()], dtype=np.bool_)
+
+
+def _gaps(a: Points, b: Points, c: Points, d: Points) -> Floats:
+    """(k, m): distance of the lines from a to b (k,) and from c to d (m,); 0 where they cross."""
+    a, b, c, d = a[:, None], b[:, None], c[None, :], d[None, :]
+    gaps: Floats = np.minimum(
+        np.minimum(_to(a, c, d), _to(b, c, d)), np.minimum(_to(c, a, b), _to(d, a, b))
+    )
+    crossing = (_side(a, b, c) * _side(a, b, d) < 0) & (_side(c, d, a) * _side(c, d, b) < 0)
+    return np.where(crossing, 0.0, gaps)
+
+
+def _to(p: Points, a: Points, b: Points) -> Floats:
+    """Distance of points from lines."""
+    way = b - a
+    squared = np.maximum((way * way.conj()).real, 1e-300)
+    share = np.clip(((p - a) * way.conj()).real / squared, 0.0, 1.0)
+    return np.abs(p - a - share * way)
+
+
+def _side(a: Points, b: Points, p: Points) -> Floats:
+    return ((b - a).conj() * (p - a)).imag
+
+
+def _meeting(a: complex, b: complex, c: complex, d: complex) -> complex | None:
+    """Where the line from a on past b meets that from d back past c; None: they do not, or far
+    off."""
+    one, other = b - a, c - d
+    turn = (one.conjugate() * other).imag
+    if abs(turn) < 1e-9 * abs(one) * abs(other):
+        return None
+    meet = a + ((c - a).conjugate() * other).imag / turn * one
+    ahead = ((meet - b) * one.conjugate()).real >= 0.0 <= ((meet - c) * other.conjugate()).real
+    longer = (abs(meet - b) + abs(meet - c)) / abs(c - b)
+    return meet if ahead and longer <= _LONGER and abs(c - b) <= _CORNER_M else None

@@ -1,0 +1,57 @@
+"""One vehicle's way to its place: straight where it can, else from corner to corner."""
+
+from __future__ import annotations
+
+import math
+
+from swarm_ctl.core.model.plan import Fence, Response
+from swarm_ctl.core.model.zones import Zone
+from swarm_ctl.core.safety.own_way import OwnWay, wish_on
+
+CORNERS = ((20.0, -15.0), (21.0, -15.0), (21.0, 15.0), (20.0, 15.0))
+WALL = Zone("wall", CORNERS, 0.0, 1.25, None, 20.0)
+FAR = 40 + 2j
+
+
+def way(*zones: Zone, fence: Fence | None = None) -> OwnWay:
+    return OwnWay(zones, fence, Response(), 5.0, 0.05)
+
+
+def test_without_zones_in_a_convex_fence_each_line_is_free() -> None:
+    box = ((-10.0, -10.0), (90.0, -10.0), (90.0, 90.0), (-10.0, 90.0))
+    hook = ((0.0, 0.0), (90.0, 0.0), (90.0, 90.0), (80.0, 90.0), (80.0, 10.0), (0.0, 10.0))
+    assert way(fence=Fence(box, 50.0)).free
+    assert way(fence=Fence(box[::-1], 50.0)).free
+    assert way(fence=Fence((), 50.0)).free
+    assert not way(fence=Fence(hook, 50.0)).free
+    leg = way(fence=Fence(hook, 50.0)).leg(5 + 5j, 85 + 80j, 4.0, 4.0)
+    assert (leg.round, leg.exists) == ("the fence", True)
+
+
+def test_a_zone_at_other_heights_cuts_nothing() -> None:
+    leg = way(WALL).leg(0j, FAR, 30.0, 30.0)
+    assert (leg.to, leg.round) == (FAR, "")
+
+
+def test_a_vehicle_that_flies_the_legs_comes_to_its_place() -> None:
+    """Perfect vehicles, 0.05 s a tick: off the wall all the way, and hardly longer than the
+    shortest way."""
+    found, at, flown_m, nearest = way(WALL), 0j, 0.0, math.inf
+    for _ in range(2000):
+        leg = found.leg(at, FAR, 4.0, 4.0)
+        wish = wish_on(leg, at, 4.0, 5.0) if leg.round else FAR - at
+        step = wish * min(1.0, 5.0 / max(abs(wish), 1e-9)) * 0.05
+        at, flown_m = at + step, flown_m + abs(step)
+        off = complex(max(20 - at.real, 0.0, at.real - 21), max(abs(at.imag) - 15, 0.0))
+        nearest = min(nearest, abs(off))
+    assert abs(at - FAR) < 0.1
+    shortest_m = abs(complex(20 - 1.75, 15)) + 4 + abs(FAR - complex(22.75, 15))
+    assert flown_m < 1.1 * shortest_m
+    assert nearest > 1.5
+
+
+def test_where_there_is_no_way_none_is_flown() -> None:
+    box = ((-10.0, -14.0), (90.0, -14.0), (90.0, 14.0), (-10.0, 14.0))
+    leg = way(WALL, fence=Fence(box, 50.0)).leg(0j, FAR, 4.0, 4.0)
+    assert (leg.exists, leg.round) == (False, "zone wall")
+    assert wish_on(leg, 0j, 4.0, 5.0) == 0j
