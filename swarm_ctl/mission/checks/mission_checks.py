@@ -18,6 +18,7 @@ from swarm_ctl.core.law.formation import distances
 from swarm_ctl.core.safety.fence import area, crossing_edges, inside
 from swarm_ctl.core.swarm.hearing import SMALL_SWARM
 from swarm_ctl.errors import InputError
+from swarm_ctl.mission.checks import zone_checks
 from swarm_ctl.mission.fleet.fleet_checks import check_fleet, check_hosts, check_trust
 from swarm_ctl.mission.geometry.shapes import slot_count, slots_of
 from swarm_ctl.mission.input.document import Mistake, Place
@@ -331,6 +332,7 @@ _CHECKS: tuple[tuple[str, Callable[[MissionFile], Findings]], ...] = (
     ("fleet", _fleet),
     ("fence lengths unit_m", _polygon),
     ("fence agents lengths unit_m", _starts_fenced),
+    ("zones lengths unit_m", zone_checks.each_alone),
     ("agents fleet", _fleet_has_all),
     ("agents fleet", _links_of_fleet),
     ("agents simulation", _faults),

@@ -7,6 +7,7 @@ import itertools
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.safety.fence import inside, leaves
+from swarm_ctl.mission.checks import zone_checks
 from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import Findings
 from swarm_ctl.mission.mission_file import MissionFile
@@ -20,7 +21,8 @@ def check_plan(plan: Plan, mission: MissionFile) -> list[Mistake]:
     for k, (step, before) in enumerate(zip(plan.steps, plan.formations(), strict=False)):
         at, place = Setting(plan, before), ("steps", k, step.kind)
         found += [*kind_of(step).wrong(step, at, place, mission), *_beyond(step, at, place)]
-    return found
+        found += zone_checks.on_its_way(step, at, place)
+    return [*found, *zone_checks.filtered(plan), *zone_checks.starts(plan)]
 
 
 def _beyond(step: Step, at: Setting, place: Place) -> Findings:

@@ -13,6 +13,7 @@ from swarm_ctl.core.model.steps.table import AnyStep
 from swarm_ctl.mission.geometry.shapes import slot_count, slots_of
 from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.sections.mission_sections import SafetySection
+from swarm_ctl.mission.steps.among_zones import zones_of
 from swarm_ctl.mission.steps.table import KINDS
 from swarm_ctl.own_laws import pinned
 
@@ -55,7 +56,7 @@ def plan_of(mission: MissionFile) -> Plan:
         steps=steps,
         fence=_fence(mission, list(starts.values()), steps),
         safety=safety,
-        zones=(),
+        zones=zones_of(mission),
     )
 
 

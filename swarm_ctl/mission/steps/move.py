@@ -13,6 +13,7 @@ from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import Findings
 from swarm_ctl.mission.sections.section import NorthEast
+from swarm_ctl.mission.steps.among_zones import AmongZones
 from swarm_ctl.mission.steps.step_kind import Checks, Mission, Setting
 from swarm_ctl.mission.steps.travel import Pace, Travel, TravelSection, too_fast
 
@@ -44,8 +45,11 @@ class Move(Travel[MoveSection, MoveStep]):
     section = MoveSection
     checks: ClassVar[Checks] = (("vehicle", _one_way), ("vehicle", too_fast))
 
-    def led(self, written: MoveSection, before: PlannedFormation, pace: Pace) -> MoveStep:
-        return MoveStep(_waypoints_m(written, before), *pace)
+    def led(
+        self, written: MoveSection, mission: Mission, before: PlannedFormation, pace: Pace
+    ) -> MoveStep:
+        among = AmongZones.of_mission(mission, (before.height_m, before.height_m))
+        return MoveStep(among.round(before, _waypoints_m(written, before)), *pace)
 
     def words(self, step: MoveStep, plan: Plan) -> str:
         corners = ", ".join(f"({north:g}, {east:g})" for north, east in step.waypoints_m)

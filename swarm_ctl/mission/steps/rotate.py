@@ -12,6 +12,7 @@ from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.rotate import RotateStep
 from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import Findings
+from swarm_ctl.mission.steps.step_kind import Mission
 from swarm_ctl.mission.steps.travel import Pace, Travel, TravelSection
 
 _RADIANS: Final = 0.02
@@ -30,7 +31,9 @@ class Rotate(Travel[RotateSection, RotateStep]):
 
     section = RotateSection
 
-    def led(self, written: RotateSection, before: PlannedFormation, pace: Pace) -> RotateStep:
+    def led(
+        self, written: RotateSection, mission: Mission, before: PlannedFormation, pace: Pace
+    ) -> RotateStep:
         return RotateStep(before.angle_rad + math.radians(written.angle_deg), *pace)
 
     def words(self, step: RotateStep, plan: Plan) -> str:

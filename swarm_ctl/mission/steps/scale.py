@@ -27,7 +27,9 @@ class Scale(Travel[ScaleSection, ScaleStep]):
 
     section = ScaleSection
 
-    def led(self, written: ScaleSection, before: PlannedFormation, pace: Pace) -> ScaleStep:
+    def led(
+        self, written: ScaleSection, mission: Mission, before: PlannedFormation, pace: Pace
+    ) -> ScaleStep:
         return ScaleStep(before.scale * written.factor, *pace)
 
     def words(self, step: ScaleStep, plan: Plan) -> str:

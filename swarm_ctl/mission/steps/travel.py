@@ -60,15 +60,15 @@ class Travel(StepKind[T, W]):
     checks: ClassVar[Checks] = (("vehicle", too_fast),)
 
     @abstractmethod
-    def led(self, written: T, before: PlannedFormation, pace: Pace) -> W:
+    def led(self, written: T, mission: Mission, before: PlannedFormation, pace: Pace) -> W:
         """The step of the plan."""
 
     def planned(self, written: T, mission: Mission, before: PlannedFormation) -> W:
         speed_mps = written.speed_mps or mission.vehicle.limits.planned().speed_mps / 2
         pace = Pace(speed_mps, written.tolerance_m, written.settle_s, 0.0, written.on_timeout)
-        way_m = sum(self.led(written, before, pace).legs_m(before))
+        way_m = sum(self.led(written, mission, before, pace).legs_m(before))
         timeout_s = written.timeout_s or 30 + written.settle_s + 2 * way_m / speed_mps
-        return self.led(written, before, pace._replace(timeout_s=timeout_s))
+        return self.led(written, mission, before, pace._replace(timeout_s=timeout_s))
 
     def least_s(self, step: W, at: Setting) -> float:
         return sum(step.legs_m(at.before)) / step.speed_mps + step.settle_s

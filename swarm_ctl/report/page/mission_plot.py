@@ -1,4 +1,4 @@
-"""A mission as a picture: starts, shapes, path, graph, fence."""
+"""A mission as a picture: starts, shapes, path, graph, zones, fence."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.law import graph
+from swarm_ctl.core.model.geometry import mean_of
 from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.errors import InputError
@@ -41,6 +42,10 @@ def _draw(plan: Plan, axes: Any) -> None:
     for agent, (north, east) in starts.items():
         axes.annotate(str(agent), (east, north), textcoords="offset points", xytext=(5, 5))
     _draw_steps(plan, axes)
+    for zone in plan.zones:
+        axes.fill(*_east_north(zone.outline_m), fc="r", ec="r", alpha=0.2, zorder=1)
+        middle = mean_of(zone.outline_m)[::-1]
+        axes.annotate(zone.name, middle, ha="center", va="center", fontsize="small")
     if plan.fence is not None and plan.fence.polygon_m:
         corners = [*plan.fence.polygon_m, plan.fence.polygon_m[0]]
         axes.plot(*_east_north(corners), "r--", lw=1, label="geofence")

@@ -99,6 +99,10 @@ def _run(history: RunHistory, entries: Iterable[JournalLine], *, aligned: bool) 
         "states": _packed(flight.airborne[at] + 2 * flight.live[at], "u1"),
         "curves": _curves(history),
         "links": [[column(i), column(j)] for i, j in history.links],
+        "zones": [
+            {"name": z.name, "at": z.outline_m, "floor": z.floor_m, "ceiling": z.ceiling_m}
+            for z in plan.zones
+        ],
         "fence_m": plan.fence.polygon_m if plan.fence else [],
         "steps": _steps(history),
         "marks": [_mark(entry) for entry in entries],

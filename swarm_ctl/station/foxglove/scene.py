@@ -39,6 +39,7 @@ _DISC: Final = Color(0.9, 0.2, 0.2, 0.25)
 _SLOT: Final = Color(0.2, 0.8, 0.4, 0.8)
 _LINK: Final = Color(0.4, 0.6, 0.8, 0.6)
 _SETPOINT: Final = Color(0.95, 0.85, 0.2, 1.0)
+_ZONE: Final = Color(0.9, 0.2, 0.2, 0.9)
 _WHITE: Final = Color(1.0, 1.0, 1.0, 1.0)
 _TRAIL_POINTS: Final = 40
 _HERE: Final = Pose()
@@ -97,7 +98,7 @@ def vehicles(view: SwarmView, now: Time) -> SceneUpdate:
 
 
 def formation(view: SwarmView, now: Time) -> SceneUpdate:
-    """Slots, neighbour links and setpoints of the moment, in the common frame."""
+    """Slots, neighbour links, setpoints of the moment, and zones, in the common frame."""
     size = 0.25 * view.plan.law.r_in * view.plan.unit_m
     ball = Vector3(size, size, size)
     states = {state.agent: state for state in _states(view)}
@@ -114,6 +115,7 @@ def formation(view: SwarmView, now: Time) -> SceneUpdate:
             SceneEntity(now, FRAME, "slots", spheres=slots),
             SceneEntity(now, FRAME, "links", lines=(line,) if links else ()),
             SceneEntity(now, FRAME, "setpoints", arrows=tuple(_arrows(view, size))),
+            SceneEntity(now, FRAME, "zones", lines=tuple(_walls(view))),
         )
     )
 
@@ -141,6 +143,15 @@ def _states(view: SwarmView) -> Iterator[AgentState]:
 
 def _at(point: Point, state: AgentState) -> Vector3:
     return east_north_up((*point, state.position_ned_m[2]))
+
+
+def _walls(view: SwarmView) -> Iterator[LinePrimitive]:
+    """The outline of each zone at its floor, and at its ceiling where it has one."""
+    for zone in view.plan.zones:
+        for height_m in {zone.floor_m or 0.0, zone.ceiling_m or 0.0}:
+            around = (*zone.outline_m, zone.outline_m[0])
+            points = tuple(east_north_up((*corner, -height_m)) for corner in around)
+            yield LinePrimitive(LINE_STRIP, _HERE, 2.0, True, points, _ZONE)
 
 
 def _arrows(view: SwarmView, size: float) -> Iterator[ArrowPrimitive]:

@@ -288,6 +288,16 @@
       words(pen, "east [m]", width - 52, height - 20, ink.axis);
       words(pen, "north [m]", 3, 14, ink.axis);
       for (const run of runs)
+        for (const zone of run.zones) {
+          const at = zone.at.map((p) => this.place(...p));
+          path(pen, [...at, at[0]], ink.hit, 1);
+          pen.globalAlpha = 0.15;
+          pen.fillStyle = ink.hit;
+          pen.fill();
+          pen.globalAlpha = 1;
+          words(pen, zone.name, at[0][0] + 3, at[0][1] - 3, ink.axis);
+        }
+      for (const run of runs)
         if (run.fence_m.length)
           path(pen, [...run.fence_m, run.fence_m[0]].map((p) => this.place(...p)), ink.hit, 1, [6, 4]);
     }
@@ -322,6 +332,16 @@
         path(pen, [this.place(n0 - half, e0 + d, 0), this.place(n0 + half, e0 + d, 0)], ink.grid, 1);
       }
       const name = (text, n, e) => words(pen, text, ...this.place(n, e, 0).slice(0, 2), ink.axis);
+      for (const run of runs)
+        for (const zone of run.zones) {
+          const ends = [zone.floor ?? 0, zone.ceiling ?? Math.max(zone.floor ?? 0, 0) + reach / 2];
+          for (const up of ends)
+            path(pen, [...zone.at, zone.at[0]].map((p) => this.place(...p, up)), ink.hit, 1);
+          const every = Math.ceil(zone.at.length / 8);
+          for (const p of zone.at.filter((_, k) => k % every === 0))
+            path(pen, ends.map((up) => this.place(...p, up)), ink.hit, 1);
+          words(pen, zone.name, ...this.place(...zone.at[0], ends[1]).slice(0, 2), ink.axis);
+        }
       name("N", n0 + half, e0);
       name("E", n0, e0 + half);
       words(pen, `grid ${step} m`, 6, 16, ink.axis);

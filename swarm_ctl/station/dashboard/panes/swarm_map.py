@@ -60,6 +60,7 @@ def map_lines(picture: Picture, width: int, height: int) -> list[StyledLine]:
         return [StyledLine("  no positions yet: no map" if not placed else "", "dim")]
     scale = fitted(picture.view, width, height)
     drawing = _Drawing(Canvas(width, height), scale, picture, placed)
+    drawing.zones()
     drawing.links()
     drawing.circles()
     drawing.trails()
@@ -102,6 +103,15 @@ class _Drawing:
     picture: Picture
     placed: dict[int, AgentView]
     """The agents with a position."""
+
+    def zones(self) -> None:
+        """Their outlines, and the fence's."""
+        plan, dot = self.picture.view.plan, self.scale.dot
+        outlines = [(zone.outline_m, "red") for zone in plan.zones]
+        outlines += [(plan.fence.polygon_m, "red dim")] if plan.fence else []
+        for outline, name in outlines:
+            for a, b in zip(outline, (*outline[1:], *outline[:1]), strict=True):
+                self.canvas.line(dot(a), dot(b), name, every=2.0)
 
     def links(self) -> None:
         levels = self._link_levels()

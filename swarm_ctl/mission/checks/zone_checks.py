@@ -1,0 +1,146 @@
+"""What is wrong with zones: each alone, and against starts, places and ways."""
+
+from __future__ import annotations
+
+import math
+
+from swarm_ctl.core.agent.return_to_launch import return_height_m
+from swarm_ctl.core.kernel.decide import NearWall
+from swarm_ctl.core.kernel.walls import FENCE
+from swarm_ctl.core.model.plan import AgentPlan, Plan, Point
+from swarm_ctl.core.model.steps.step import Step
+from swarm_ctl.core.safety.fence import area, crossing_edges
+from swarm_ctl.core.safety.surroundings import Surroundings
+from swarm_ctl.mission.input.document import Mistake, Place
+from swarm_ctl.mission.input.findings import Findings
+from swarm_ctl.mission.input.units import metres
+from swarm_ctl.mission.mission_file import MissionFile
+from swarm_ctl.mission.sections.zone_sections import ZoneSection
+from swarm_ctl.mission.steps.among_zones import AmongZones
+from swarm_ctl.mission.steps.step_kind import Setting
+from swarm_ctl.mission.steps.table import kind_of
+
+
+def each_alone(mission: MissionFile) -> Findings:
+    """Each zone by itself, and against those before it."""
+    seen = dict[tuple[object, ...], str]()
+    for name, zone in mission.zones.items():
+        place, polygon = ("zones", name), zone.polygon or ()
+        circle = zone.circle is not None, zone.radius is not None
+        if bool(polygon) == any(circle):
+            given = "both polygon and circle" if polygon else "neither polygon nor circle"
+            yield Mistake(place, f"has {given}", "polygon, or circle and radius")
+        elif any(circle) and not all(circle):
+            missing = "radius" if circle[0] else "circle"
+            yield Mistake((*place, missing), "is missing", "circle and radius")
+        elif crossing := crossing_edges(polygon):
+            what = f"the edges after corners {crossing[0] + 1} and {crossing[1] + 1} cross"
+            yield Mistake((*place, "polygon"), what, "corners in order around the zone")
+        elif polygon and area(polygon) * metres(mission) ** 2 < 0.01:
+            yield Mistake((*place, "polygon"), "has no area", "corners around a place")
+        low, high = zone.floor_m, zone.ceiling_m
+        if low is not None and high is not None and high <= low:
+            what = f"{high:g} m is not above floor_m"
+            yield Mistake((*place, "ceiling_m"), what, f"above {low:g}")
+        same = seen.setdefault(_where(zone), name)
+        if same != name:
+            yield Mistake(place, f"is where zone {same} is", "each zone once")
+
+
+def _where(zone: ZoneSection) -> tuple[object, ...]:
+    return zone.polygon, zone.circle, zone.radius, zone.floor_m, zone.ceiling_m
+
+
+def filtered(plan: Plan) -> Findings:
+    """Zones are kept out of by the filter alone."""
+    if plan.zones and not plan.safety.filter:
+        what = "no vehicle keeps out of them without the filter"
+        yield Mistake(("zones",), what, "safety.filter: true, or no zones")
+
+
+def starts(plan: Plan) -> list[Mistake]:
+    """Starts that are in a zone which reaches so low, or so near to one that a vehicle there could
+    not stay. A vehicle climbs from its start, and a return lands there."""
+    around, found = Surroundings.of(plan), list[Mistake]()
+    for k, agent in enumerate(plan.agents):
+        at = (agent.start[0] * plan.unit_m, agent.start[1] * plan.unit_m)
+        near = _too_near(around, at, 0.0, _highest_m(plan, agent))
+        if near is not None and (near.wall.about != FENCE or near.wall.gap > 0.0):
+            what = f"agent {agent.id} starts {_says(around, near)}"
+            found.append(Mistake(("agents", k, "start"), what, _needs(near)))
+    return found
+
+
+def _highest_m(plan: Plan, agent: AgentPlan) -> float:
+    """Up to which height the vehicle flies over its start."""
+    up_m = max((step.climbs_to_m or 0.0 for step in plan.steps), default=0.0)
+    returns = any(step.goes_home for step in plan.steps)
+    return max(up_m, return_height_m(plan, agent.id)) if returns else up_m
+
+
+def on_its_way(step: Step, at: Setting, place: Place) -> list[Mistake]:
+    """The first agent whose planned place after a step, or whose way there, is in a zone, or so
+    near to one, or to the fence, that it could not stay there."""
+    plan, before = at.plan, at.before
+    if step.climbs_to_m is not None:
+        return []  # over the starts
+    low_m, high_m = (0.0 if step.lands_in_place else before.height_m), before.height_m
+    ends_m, around = step.after(before).places_m(), Surroundings.of(plan)
+    if step.lands_in_place or ends_m != before.places_m():
+        for agent, end in zip(plan.agents, ends_m, strict=True):
+            near = _too_near(around, end, low_m, high_m)
+            if near is not None and (near.wall.about != FENCE or near.wall.gap > 0.0):
+                does = "would land" if step.lands_in_place else "would be"
+                what = f"agent {agent.id} {does} {_says(around, near)} at {_point(end)}"
+                return [Mistake(place, what, _needs(near))]
+    return _cut_ways(step, at, place)
+
+
+def _cut_ways(step: Step, at: Setting, place: Place) -> list[Mistake]:
+    plan, before = at.plan, at.before
+    ways = kind_of(step).ways_m(step, at)
+    if step.new_shape is not None:
+        ways = list(zip(before.places_m(), step.after(before).places_m(), strict=True))
+    for agent, way in zip(plan.agents, ways, strict=False):
+        height_m = return_height_m(plan, agent.id) if step.goes_home else before.height_m
+        among = AmongZones.of(plan, (before.height_m, height_m))
+        cut = among.cut(way)
+        if not cut or (not step.path and among.leads(way)):
+            continue
+        what = f"agent {agent.id} has no way past zone {cut} to {_point(way[-1])}"
+        allowed = "a wider gap, or another place"
+        if step.way_m:
+            radius_m = before.radius_m
+            gap_m = among.gap_m(before.centre_m, step.way_m[-1], radius_m)
+            widest = f"the widest gap is about {gap_m:.1f} m" if gap_m else "there is no way"
+            needed = f"the formation needs {among.needed_m(radius_m):.1f} m"
+            what = f"the formation has no way past zone {cut}: {widest}, {needed}"
+            allowed = "a wider gap, a smaller shape, or another way"
+        return [Mistake(place, what, allowed)]
+    return []
+
+
+def _too_near(around: Surroundings, at: Point, low_m: float, high_m: float) -> NearWall | None:
+    """The wall from which a vehicle at this point would be kept off the most."""
+    near = around.near(complex(*at), low_m, high_m)
+    return min((each for each in near if _room_m(each) < 0.0), key=_room_m, default=None)
+
+
+def _room_m(near: NearWall) -> float:
+    return near.wall.gap - near.margins.keep
+
+
+def _says(around: Surroundings, near: NearWall) -> str:
+    """`in zone oak`, `1.2 m from zone oak`."""
+    name, gap_m = around.name(near.wall.about), near.wall.gap
+    return f"{gap_m:.2f} m from {name}" if gap_m > 0.0 else f"in {name}"
+
+
+def _needs(near: NearWall) -> str:
+    """What would be allowed."""
+    least = math.ceil(100.0 * near.margins.keep) / 100.0
+    return f"at least {least:g} m {'inside' if near.wall.about == FENCE else 'away'}"
+
+
+def _point(at: Point) -> str:
+    return f"{at[0]:.1f} m north, {at[1]:.1f} m east of the origin"

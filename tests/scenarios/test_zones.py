@@ -1,0 +1,183 @@
+"""Flights among zones on the virtual clock: no vehicle is in one by truth, whatever it is told."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import yaml
+
+from swarm_ctl.core.kernel.walls import Edge, faced
+from swarm_ctl.core.model.plan import Zone
+from swarm_ctl.core.safety.fence import inside
+from swarm_ctl.core.safety.surroundings import Surroundings
+from swarm_ctl.mission.compile.loader import LoadedMission, loads
+from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
+from tests.on_demand import on_demand
+from tests.scenarios.swarm import landing_fast
+
+HEAD = """\
+version: 1
+name: among-zones
+origin: {lat_deg: -35.363262, lon_deg: 149.165237, alt_m: 584}
+unit_m: 5
+tick_s: 0.1
+law: {r: 4.5, r_out: 1.5, r_in: 0.5, kappa: 10}
+agents:
+  - {id: 1, start: [0, 0]}
+  - {id: 2, start: [0, 1.9]}
+  - {id: 3, start: [1.9, 0]}
+  - {id: 4, start: [1.9, 1.9]}
+shapes: {grid: {kind: grid, spacing: 1.9}}
+"""
+STEPS = """\
+steps:
+  - takeoff: {height_m: 4}
+  - form: {shape: grid, settle_s: 1}
+  - move: {to: [24, 1], speed_mps: 4, settle_s: 1}
+  - land
+"""
+
+
+def wood(seed: int, count: int = 6, room: float = 3.9) -> dict[str, Any]:
+    """Trees between the starts and the goal, in units; apart, so that the formation has a way."""
+    dice, trees = random.Random(seed), list[tuple[float, float, float]]()
+    while len(trees) < count:
+        north, east, r = dice.uniform(6, 19), dice.uniform(-8, 10), dice.uniform(0.1, 0.6)
+        if all(math.dist((north, east), (n, e)) > r + q + 2 * room for n, e, q in trees):
+            trees.append((north, east, r))
+        else:
+            room *= 0.999
+    return {
+        f"tree-{k}": {"circle": [round(n, 2), round(e, 2)], "radius": round(r, 2)}
+        for k, (n, e, r) in enumerate(trees)
+    }
+
+
+def gap_m(zone: Zone, north: float, east: float) -> float:
+    """From a zone to a place; under 0 inside."""
+    corners = [complex(*corner) for corner in zone.corners_m]
+    at = complex(north, east)
+    if len(corners) == 1:
+        return abs(at - corners[0]) - zone.radius_m
+    ends = zip(corners, (*corners[1:], corners[0]), strict=True)
+    least = min(faced(Edge(a, b, 0.0), at)[1] for a, b in ends)
+    return -least if inside(zone.corners_m, (north, east)) else least
+
+
+def flown(mission: LoadedMission, seed: int, most_s: float = 240.0) -> Iterator[VirtualSwarm]:
+    """The swarm in each tick, to its end."""
+    swarm = landing_fast(VirtualSwarm(mission, seed))
+    while swarm.now < most_s and not all(member.ended for member in swarm.members.values()):
+        swarm.tick()
+        yield swarm
+
+
+def least_m(mission: LoadedMission, seed: int) -> tuple[dict[str, float], VirtualSwarm]:
+    """The least distance of any vehicle from each zone by truth."""
+    least = {zone.name: math.inf for zone in mission.plan.zones}
+    for swarm in flown(mission, seed):
+        for place in swarm.positions().values():
+            for zone in mission.plan.zones:
+                least[zone.name] = min(least[zone.name], gap_m(zone, place[0], place[1]))
+    return least, swarm
+
+
+@pytest.mark.parametrize("seed", [1, *(on_demand(seed) for seed in range(2, 21))])
+def test_a_formation_moves_through_a_drawn_wood(seed: int) -> None:
+    """None comes nearer to a tree than its clearance, no two come under r_in, and all arrive."""
+    zones = yaml.safe_dump({"zones": wood(seed)}, default_flow_style=None)
+    mission = loads(HEAD + zones + STEPS)
+    least, swarm = least_m(mission, seed)
+    assert min(least.values()) > 1.25, least
+    assert set(swarm.outcomes().values()) == {"completed"}
+    assert swarm.closest_m > mission.plan.law.r_in * mission.plan.unit_m
+
+
+def test_a_formation_that_is_led_out_of_the_fence_stays_inside_of_it() -> None:
+    """A frame that a leader tells leads the others against the fence: they stop before it, and no
+    policy has to act."""
+    fence = "fence: {polygon: [[-20, -20], [12, -20], [12, 20], [-20, 20]]}\n"
+    mission = loads(HEAD + fence + STEPS.replace("to: [24, 1]", "to: [9, 1]"))
+    edge_m = 60.0
+    swarm = landing_fast(VirtualSwarm(mission))
+    swarm.wait(lambda s: s.in_step(3))
+    for member in swarm.members.values():
+        controller, go_on = member.agent._controller, member.agent._controller.form
+
+        def led(*args: Any, go_on: Any = go_on, controller: Any = controller) -> Any:
+            controller.gain = 1.0
+            return go_on(args[0], args[1], (4.0, 0.0), None)
+
+        setattr(controller, "form", led)  # noqa: B010
+    farthest = -math.inf
+    for _ in range(250):
+        swarm.tick()
+        farthest = max(farthest, *(place[0] for place in swarm.positions().values()))
+    assert edge_m - 3.0 < farthest < edge_m
+    assert not any("geofence" in event.text for event in swarm.events)
+
+
+def test_a_vehicle_over_a_zone_does_not_land_in_it() -> None:
+    """An order to land, given over a house: it leaves that place first, and says so."""
+    house = "zones: {house: {polygon: [[6, -4], [14, -4], [14, 6], [6, 6]], ceiling_m: 3}}\n"
+    mission = loads(HEAD + house + STEPS.replace("height_m: 4", "height_m: 8"))
+    swarm = landing_fast(VirtualSwarm(mission))
+    swarm.wait(lambda s: s.in_step(3))
+    swarm.wait(lambda s: min(place[0] for place in s.positions().values()) > 38.0)
+    swarm.command("land")
+    least = math.inf
+    (zone,) = mission.plan.zones
+    while swarm.now < 240 and not all(member.ended for member in swarm.members.values()):
+        swarm.tick()
+        for north, east, down in swarm.hub.world.positions():
+            if -down < 4.4:
+                least = min(least, gap_m(zone, north, east))
+    assert least > 1.0
+    assert swarm.all_down
+    assert any(event.text == "leaves zone house before it lands" for event in swarm.events)
+
+
+CUT = """\
+shapes:
+  line: {kind: line, spacing: 1.9}
+zones:
+  wall: {polygon: [[-1, 4.85], [9, 4.85], [9, 4.95], [-1, 4.95]]}
+steps:
+  - takeoff: {height_m: 4}
+  - form: {shape: line, settle_s: 1, slots: fixed, exchange: false}
+  - %s
+"""
+
+
+@pytest.mark.parametrize("last", ["land", "return"])
+def test_an_agent_whose_line_to_its_place_is_cut_goes_round(last: str) -> None:
+    """Agents that start along a wall form a line across it, so that those behind the wall come
+    round its end; and they come home again."""
+    starts = "".join(f"  - {{id: {k + 1}, start: [{2 * k}, 3]}}\n" for k in range(4))
+    head = HEAD[: HEAD.index("agents:")] + "agents:\n" + starts
+    mission = loads(head + CUT % last)
+    least, swarm = least_m(mission, 1)
+    assert min(least.values()) > 1.25
+    assert set(swarm.outcomes().values()) == {"completed"}
+    assert swarm.closest_m > mission.plan.law.r_in * mission.plan.unit_m
+
+
+def test_a_step_that_a_zone_holds_up_ends_and_names_it() -> None:
+    """Nothing waits for ever."""
+    mission = loads(HEAD + STEPS.replace("settle_s: 1}\n  - land", "timeout_s: 40}\n  - land"))
+    swarm = landing_fast(VirtualSwarm(mission))
+    swarm.wait(lambda s: s.in_step(3))
+    corners = ((50.0, -400.0), (52.0, -400.0), (52.0, 400.0), (50.0, 400.0))
+    wall = Zone("wall", corners, 0.0, 1.25)
+    for member in swarm.members.values():
+        controller, plan = member.agent._controller, mission.plan
+        around = Surroundings([wall], None, plan.response, plan.limits.speed_mps)
+        controller.safety_filter._surroundings = around
+    swarm.wait(lambda s: all(member.ended for member in s.members.values()))
+    reasons = {member.ended.reason for member in swarm.members.values() if member.ended}
+    assert any("timed out" in reason and "kept off zone wall" in reason for reason in reasons)
+    assert max(place[0] for place in swarm.positions().values()) < 50.0

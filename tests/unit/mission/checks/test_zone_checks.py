@@ -1,0 +1,140 @@
+"""What is refused of zones, by line; and how a move is led round them."""
+
+from __future__ import annotations
+
+import pytest
+
+from swarm_ctl.mission.compile.loader import loads
+from tests.unit.mission.example import TEXT, problems
+
+LINE = 1 + TEXT.count("\n")
+"""Of the section `zones`, behind the example."""
+WIDE = ("- hold: {duration_s: 10}", "- move: {to: [20, 1], speed_mps: 3}")
+ZONES = {
+    "neither": ("x: {ceiling_m: 20}", "zones.x", "neither polygon nor circle", "circle and radius"),
+    "both": (
+        "x: {circle: [20, 20], radius: 1, polygon: [[9, 9], [9, 10], [10, 9]]}",
+        "zones.x",
+        "both polygon and circle",
+        "polygon, or circle",
+    ),
+    "no radius": ("x: {circle: [20, 20]}", "zones.x.radius", "is missing", "circle and radius"),
+    "no circle": ("x: {radius: 2}", "zones.x.circle", "is missing", "circle and radius"),
+    "crossing": (
+        "x: {polygon: [[20, 20], [30, 30], [30, 20], [20, 30]]}",
+        "zones.x.polygon",
+        "the edges after corners 1 and 3 cross",
+        "corners in order",
+    ),
+    "flat": (
+        "x: {polygon: [[20, 20], [30, 30], [40, 40]]}",
+        "zones.x.polygon",
+        "has no area",
+        "corners around a place",
+    ),
+    "heights": (
+        "x: {circle: [20, 20], radius: 1, floor_m: 9, ceiling_m: 9}",
+        "zones.x.ceiling_m",
+        "9 m is not above floor_m",
+        "above 9",
+    ),
+    "clearance": (
+        "x: {circle: [20, 20], radius: 1, clearance_m: 0}",
+        "zones.x.clearance_m",
+        "0 is out of range",
+        "0.1 to 100",
+    ),
+}
+
+
+@pytest.mark.parametrize(("zone", "field", "what", "allowed"), ZONES.values(), ids=ZONES)
+def test_a_zone_that_is_none_is_refused_by_its_line(
+    zone: str, field: str, what: str, allowed: str
+) -> None:
+    (problem,) = problems(f"{TEXT}zones:\n  {zone}\n")
+    assert problem.where == f"trio.yaml:{LINE + 1}"
+    assert problem.field == field
+    assert what in problem.what
+    assert allowed in problem.allowed
+
+
+def test_each_zone_once() -> None:
+    circle = "{circle: [30, 30], radius: 1}"
+    (problem,) = problems(f"{TEXT}zones:\n  a: {circle}\n  b: {circle}\n")
+    assert (problem.where, problem.what) == (f"trio.yaml:{LINE + 2}", "is where zone a is")
+
+
+def test_no_start_is_in_a_zone_through_which_it_would_climb() -> None:
+    """A zone that ends under the take-off is in its way, one that begins over it is not."""
+    start = "{circle: [0, 3], radius: 0.2, "
+    (problem,) = problems(f"{TEXT}zones:\n  x: {start}ceiling_m: 4}}\n")
+    assert problem.where == "trio.yaml:13"
+    assert problem.what == "agent 2 starts in zone x"
+    assert problem.allowed == "at least 1.75 m away"
+    loads(f"{TEXT}zones:\n  x: {start}floor_m: 15}}\n")
+
+
+def test_no_place_is_in_a_zone_and_none_lands_in_one() -> None:
+    plan = loads(TEXT).plan
+    for k, heights, field, does in (
+        (2, "floor_m: 5", "step 2, form", "would be"),
+        (4, "ceiling_m: 5", "step 5, land", "would land"),
+    ):
+        north, east = plan.formations()[k].places[1]
+        zone = f"x: {{circle: [{north + 0.3}, {east}], radius: 0.1, {heights}}}"
+        found = problems(f"{TEXT}zones:\n  {zone}\n")
+        assert found[-1].field == field
+        assert found[-1].what.startswith(f"agent 2 {does} 1.00 m from zone x at ")
+        assert found[-1].allowed == "at least 1.75 m away"
+
+
+def test_no_place_is_so_near_to_the_fence_that_the_filter_would_keep_off_it() -> None:
+    fence = "fence: {polygon: [[-5, -0.05], [9, -0.05], [9, 9], [-5, 9]]}\n"
+    found = problems(TEXT + fence)
+    assert found[0].field == "agents#1.start"
+    assert found[0].what == "agent 1 starts 0.25 m from the fence"
+    assert found[0].allowed == "at least 0.5 m inside"
+
+
+def test_without_the_filter_there_are_no_zones() -> None:
+    zone = "zones:\n  x: {circle: [30, 30], radius: 1}\n"
+    (problem,) = problems(f"{TEXT}safety: {{filter: false}}\n{zone}")
+    assert problem.field == "zones"
+    assert "without the filter" in problem.what
+
+
+def test_a_move_goes_round_a_zone_and_straight_where_every_agent_has_room() -> None:
+    for zone, corners in (
+        ("{circle: [10, 1], radius: 0.5}", 2),
+        ("{circle: [10, 9], radius: 0.5}", 1),
+        ("{circle: [10, 1], radius: 0.5, ceiling_m: 5}", 1),
+    ):
+        loaded = loads(f"{TEXT}zones:\n  x: {zone}\n".replace(*WIDE))
+        step = loaded.plan.steps[2]
+        assert step.way_m[-1] == (100.0, 5.0)
+        assert len(step.way_m) >= corners
+        assert (len(step.way_m) == 1) is (corners == 1)
+
+
+def test_a_move_without_a_way_is_refused_with_the_gap_that_there_is() -> None:
+    """A wall across its way, from fence to fence, open in one place."""
+    walls = (
+        f"w{k}: {{polygon: [[8, {a}], [9, {a}], [9, {b}], [8, {b}]]}}"
+        for k, (a, b) in enumerate([(-20, 0), (1.6, 20)])
+    )
+    zones = "zones:\n  " + "\n  ".join(walls) + "\n"
+    fence = "fence: {polygon: [[-9, -19], [40, -19], [40, 19], [-9, 19]]}\n"
+    (problem,) = problems((TEXT + fence + zones).replace(*WIDE))
+    assert problem.field == "step 3, move"
+    assert "no way past zone w" in problem.what
+    assert "the widest gap is about 7.7 m, the formation needs 15.0 m" in problem.what
+    assert problem.allowed == "a wider gap, a smaller shape, or another way"
+
+
+def test_zones_are_lengths_of_the_file() -> None:
+    """In metres as in units."""
+    in_units = loads(f"{TEXT}zones:\n  x: {{circle: [20, 20], radius: 2}}\n").plan.zones
+    assert [(z.corners_m, z.radius_m, z.clearance_m) for z in in_units] == [
+        (((100.0, 100.0),), 10.0, 1.25)
+    ]
+    assert in_units[0].outline_m[0] == (110.0, 100.0)
