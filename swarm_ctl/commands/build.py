@@ -18,13 +18,17 @@ from numpy.typing import NDArray
 
 from swarm_ctl import slot_assignment
 from swarm_ctl.commands.parse import BY_NAME, Order, tuned
+from swarm_ctl.core.kernel.walls import FENCE
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.messages import ABOUT, ENDING, Command, CommandKind, Gains, Tuning
 from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.core.safety.among_zones import AmongZones
 from swarm_ctl.core.safety.fence import inside
+from swarm_ctl.core.safety.surroundings import Surroundings
 from swarm_ctl.core.swarm.gain_update import LEAD_S, limits, planned
 from swarm_ctl.errors import InputError
 
@@ -167,7 +171,7 @@ def _form(shape: str, swarm: SwarmNow) -> FormStep:
     offsets = (chosen - chosen.mean(axis=0)) * plan.unit_m
     _fenced(
         f"form {shape}",
-        plan,
+        swarm,
         {a.id: centre + at for a, at in zip(plan.agents, offsets, strict=True)},
     )
     return FormStep(shape, dealt, _TOLERANCE_M, _SETTLE_S, _NO_END_S)
@@ -191,19 +195,56 @@ def _move(order: Order, swarm: SwarmNow) -> MoveStep:
     shift = np.array((north, east)) - centre
     if swarm.plan.fence is None or inside(swarm.plan.fence.polygon_m, (north, east)):
         # a centre outside is refused by the agents themselves
-        _fenced("move", swarm.plan, {i: np.array(at) + shift for i, at in points_m.items()})
-    return MoveStep(((north, east),), speed, _TOLERANCE_M, _SETTLE_S, _NO_END_S)
+        _fenced("move", swarm, {i: np.array(at) + shift for i, at in points_m.items()})
+    waypoints_m, opens_m = _way_round(swarm, list(points_m.values()), (north, east))
+    ends = _TOLERANCE_M, _SETTLE_S, _NO_END_S
+    return MoveStep(waypoints_m, speed, *ends, opens_m=opens_m)
 
 
-def _fenced(kind: str, plan: Plan, places_m: Mapping[int, NDArray[np.float64]]) -> None:
-    """InputError where an order would bring an agent out of the geofence: its policy would act."""
+def _way_round(
+    swarm: SwarmNow, points_m: list[Point], to_m: Point
+) -> tuple[tuple[Point, ...], float | None]:
+    """Round zones, as a mission's `move` goes; InputError where there is no way."""
+    plan, unit = swarm.plan, swarm.plan.unit_m
+    slots = tuple((north / unit, east / unit) for north, east in points_m)
+    before = replace(PlannedFormation.at_start(slots, unit), height_m=_height_m(swarm))
+    among = AmongZones.of(plan, (before.height_m, before.height_m))
+    waypoints_m, opens_m = among.round(before, [to_m])
+    way = (before.centre_m, *waypoints_m)
+    ways = [way] if opens_m is not None else zip(*map(before.places_m, way), strict=True)
+    cut = next((cut for each in ways if (cut := among.cut(each))), "")
+    if cut and not (opens_m is not None and among.leads(way)):
+        raise InputError(
+            f"move: there is no way past zone {cut} to {to_m[0]:.1f} m north, {to_m[1]:.1f} m east"
+            " of the origin; allowed: a place to which a way leads"
+        )
+    return waypoints_m, opens_m
+
+
+def _height_m(swarm: SwarmNow) -> float:
+    """At which the formation flies by the plan."""
+    formations = swarm.plan.formations()
+    return formations[min(max(swarm.step, 1), len(formations) - 1)].height_m
+
+
+def _fenced(kind: str, swarm: SwarmNow, places_m: Mapping[int, NDArray[np.float64]]) -> None:
+    """InputError where an order would bring an agent out of the geofence, or into a zone."""
+    plan, height_m = swarm.plan, _height_m(swarm)
     polygon = plan.fence.polygon_m if plan.fence else ()
+    around = Surroundings.of(plan)
     for agent, at in places_m.items():
         if not inside(polygon, (float(at[0]), float(at[1]))):
             raise InputError(
                 f"{kind}: agent {agent} would be outside the geofence, {at[0]:.1f} m north,"
                 f" {at[1]:.1f} m east of the origin; allowed: places inside fence.polygon"
             )
+        for wall, margins in around.near(complex(at[0], at[1]), height_m, height_m):
+            if wall.about != FENCE and wall.gap < margins.keep:
+                raise InputError(
+                    f"{kind}: agent {agent} would be in {around.name(wall.about)}, or nearer to it"
+                    f" than {margins.keep:g} m, {at[0]:.1f} m north, {at[1]:.1f} m east of the"
+                    " origin; allowed: places outside of zones"
+                )
 
 
 def _tune(order: Order, swarm: SwarmNow) -> tuple[tuple[int, ...], Tuning]:

@@ -181,3 +181,52 @@ def test_a_step_that_a_zone_holds_up_ends_and_names_it() -> None:
     reasons = {member.ended.reason for member in swarm.members.values() if member.ended}
     assert any("timed out" in reason and "kept off zone wall" in reason for reason in reasons)
     assert max(place[0] for place in swarm.positions().values()) < 50.0
+
+
+GATE = """\
+fence: {polygon: [[-8, -14], [30, -14], [30, 18], [-8, 18]], height_m: 40}
+zones:
+  hedge-west: {polygon: [[8, -13], [9, -13], [9, 0.2], [8, 0.2]]}
+  hedge-east: {polygon: [[8, 1.8], [9, 1.8], [9, 17], [8, 17]]}
+"""
+
+
+def test_a_formation_goes_in_file_through_a_gate() -> None:
+    """Four through a gate of 8 m."""
+    mission = loads(HEAD + GATE + STEPS.replace("[24, 1]", "[18, 1]"))
+    assert mission.plan.steps[2].file is not None
+    least, swarm = least_m(mission, 1)
+    assert min(least.values()) > 1.25
+    assert set(swarm.outcomes().values()) == {"completed"}
+    assert swarm.closest_m > mission.plan.law.r_in * mission.plan.unit_m
+
+
+def dense(seed: int) -> LoadedMission:
+    """Eight agents and 28 trunks of 0.5 to 3 m on 64 by 64 m."""
+    dice, trees = random.Random(seed), list[tuple[float, float, float]]()
+    while len(trees) < 28:
+        north, east, r = dice.uniform(24, 88), dice.uniform(-32, 32), dice.uniform(0.5, 3)
+        if all(math.dist((north, east), (n, e)) > r + q + 1 for n, e, q in trees):
+            trees.append((north, east, r))
+    zones = {
+        f"tree-{k}": {"circle": [round(n / 5, 3), round(e / 5, 3)], "radius": round(r / 5, 3)}
+        for k, (n, e, r) in enumerate(trees)
+    }
+    starts = [(2 * (k // 3), 2 * (k % 3) - 2) for k in range(8)]
+    agents = [{"id": k + 1, "start": list(start)} for k, start in enumerate(starts)]
+    written = yaml.safe_load(HEAD + STEPS.replace("[24, 1]", "[25, 0]")) | {
+        "zones": zones,
+        "agents": agents,
+        "fence": {"polygon": [[-10, -9], [32, -9], [32, 9], [-10, 9]]},
+        "shapes": {"grid": {"kind": "grid", "spacing": 2, "columns": 3}},
+    }
+    return loads(yaml.safe_dump(written))
+
+
+@pytest.mark.parametrize("seed", [on_demand(seed) for seed in range(1, 21)])
+def test_eight_through_a_dense_wood(seed: int) -> None:
+    mission = dense(seed)
+    least, swarm = least_m(mission, seed)
+    assert min(least.values()) > 1.25
+    assert set(swarm.outcomes().values()) == {"completed"}
+    assert swarm.closest_m > mission.plan.law.r_in * mission.plan.unit_m

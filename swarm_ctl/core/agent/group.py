@@ -10,12 +10,14 @@ from swarm_ctl.core.agent.failsafes import FailsafeTrigger, gave_up, left_by_ord
 from swarm_ctl.core.agent.flight import EventLog
 from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.agent.tick import Tick
+from swarm_ctl.core.control.in_file import InFile
 from swarm_ctl.core.control.reference import Reference
 from swarm_ctl.core.law.formation import error_of_one
 from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.messages import AgentState, Severity
 from swarm_ctl.core.model.plan import GroupPlan, Plan, Point, Policy
 from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.swarm.neighbourhood import Neighbourhood
@@ -51,6 +53,7 @@ class Group:
         self.reference = Reference(plan, group, own_id)
         self.neighbourhood = Neighbourhood(group, own_id)
         self.slot_exchange = SlotExchange(plan, group, own_id, peers)
+        self._in_file = InFile(plan, own_id)
         self._measure_due = -math.inf
         self._held_since: dict[int, float] = {}
         """By agent: since when it flies a command that this agent does not."""
@@ -216,8 +219,17 @@ class Group:
         formation = Formation(reference.slots, near, centre, key, reference.spin)
         return formation, reference.feed_forward, off
 
+    def file_place(self, tick: Tick, step: MoveStep, own_m: Point) -> Point | None:
+        """Where to fly in a move in file; None: stay. Call it after `formation`."""
+        frame = self.reference.frame
+        if frame is None or not self.reference.slots:
+            return None
+        about = frame.point_m, self.reference.slots, own_m, tick.members, self.departed
+        return self._in_file.place(step, *about)
+
     def forget_shape(self) -> None:
         """Another shape is flown from now on: what was measured is the one before."""
+        self._in_file.begin()
         self.formation_error_m = None
         self._measure_due = -math.inf
 

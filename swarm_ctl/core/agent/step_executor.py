@@ -11,7 +11,15 @@ from swarm_ctl.core.agent.flight import EventLog, Interruption, OwnVehicle
 from swarm_ctl.core.agent.group import Group
 from swarm_ctl.core.agent.landing import Landing
 from swarm_ctl.core.agent.preflight import Preflight, swarm_flies
-from swarm_ctl.core.agent.steering import ClimbOver, FlyShape, Intent, KeepClear, SetpointCount
+from swarm_ctl.core.agent.steering import (
+    ClimbOver,
+    Course,
+    FlyShape,
+    FlyTo,
+    Intent,
+    KeepClear,
+    SetpointCount,
+)
 from swarm_ctl.core.agent.takeover import EVIDENCE_S, Takeover
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.navigation import OwnFix
@@ -178,13 +186,17 @@ class StepExecutor:
             stands = override.kind == CommandKind.HOLD and self._scattered
             if stands or override.kind == CommandKind.EXPEL:
                 return Intent(KeepClear(), Phase.FLY, reason)
-        course: KeepClear | FlyShape = KeepClear()
+        course: Course = KeepClear()
         if tick.fix is not None:
             if override is None:
                 self._exchange_slots(tick, step, own_m)
             flown = override.step if override is not None else step
             tag, free = self._command_handler.tag, self._interruption.trigger is None
             course = FlyShape(*self._group.formation(tick, flown, tag, own_m, free=free))
+            file = flown.file
+            if file is not None:
+                place_m = self._group.file_place(tick, file, own_m)
+                course = KeepClear() if place_m is None else FlyTo(place_m, file.speed_mps)
         if override is None:
             self._judge(tick.now, step, own_m)
         return Intent(course, Phase.FLY, reason)

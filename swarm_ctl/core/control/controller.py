@@ -21,7 +21,7 @@ from swarm_ctl.core.law.own_response import OwnResponse
 from swarm_ctl.core.model.messages import Gains, PairReport, SigmaReport
 from swarm_ctl.core.model.plan import Compensation, Plan, Point, Response
 from swarm_ctl.core.model.timeouts import lead_s
-from swarm_ctl.core.safety.own_way import Leg, OwnWay, wish_on
+from swarm_ctl.core.safety.own_way import OwnWay, WayLeg, wish_on
 from swarm_ctl.core.safety.safety_filter import SafetyFilter
 from swarm_ctl.core.safety.surroundings import FENCE_NAME
 from swarm_ctl.core.swarm.snapshot import NO_FORMATION, Formation, PeerSnapshot
@@ -210,7 +210,7 @@ class Controller:
 
     # --- parts ---
 
-    def _leg(self, to: complex) -> Leg:
+    def _leg(self, to: complex) -> WayLeg:
         """To a place of its own, round zones."""
         heights = sorted((-self._down_m, self.safety_filter.climbs_m - self._down_m))
         leg = self._way.leg(complex(*self.point_m), to, *heights)

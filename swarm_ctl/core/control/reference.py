@@ -245,6 +245,8 @@ class Reference:
         if path is None:
             self.frame = replace(self.frame, rate=0.0)
             return
+        if step.file is not None and error_m is not None:
+            error_m = 0.0  # the shape is not flown: the frame goes ahead
         dt_s, brake = self._plan.tick_s, 0.5 * self._plan.response.acceleration_mps2
         rate = rate_towards(self.frame, path, self.radius_m, error_m, brake, dt_s)
         self.frame = path.advanced(replace(self.frame, rate=rate), dt_s, self.radius_m)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
+
+from annotated_types import Ge, MinLen
 
 from swarm_ctl.core.model.geometry import Point
 
@@ -20,11 +22,11 @@ class Zone:
     """A polygon, or a circle, that no vehicle may enter between two heights."""
 
     name: str
-    corners_m: tuple[Point, ...]
+    corners_m: Annotated[tuple[Point, ...], MinLen(1)]
     """(north, east), in order; of a circle its centre alone."""
-    radius_m: float
+    radius_m: Annotated[float, Ge(0)]
     """Of a circle; 0: it is a polygon."""
-    clearance_m: float
+    clearance_m: Annotated[float, Ge(0)]
     """No vehicle's position comes closer to it."""
     floor_m: float | None = None
     """It begins at this height above the origin; None: at the ground."""

@@ -28,7 +28,7 @@ _MOVED_M: Final = 1.0
 """A place that has moved by more has another way."""
 
 
-class Leg(NamedTuple):
+class WayLeg(NamedTuple):
     """What is flown next."""
 
     to: complex
@@ -59,12 +59,12 @@ class OwnWay:
         self._maps: dict[tuple[int, ...], WayMap] = {}
         self._every, self._calls = max(1, round(_LOOKS_S / tick_s)), 0
         self._way: list[complex] = []
-        self._leg: Leg | None = None
+        self._leg: WayLeg | None = None
         self._goal = 0j
 
-    def leg(self, own: complex, goal: complex, low_m: float, high_m: float) -> Leg:
+    def leg(self, own: complex, goal: complex, low_m: float, high_m: float) -> WayLeg:
         """Towards a place, for a vehicle between these heights."""
-        straight = Leg(goal, abs(goal - own), "")
+        straight = WayLeg(goal, abs(goal - own), "")
         if self.free:
             return straight
         self._calls += 1
@@ -77,14 +77,14 @@ class OwnWay:
             return straight
         return leg._replace(left_m=leg.left_m if not leg.exists else self._left_m(own))
 
-    def _looked(self, own: complex, goal: complex, low_m: float, high_m: float) -> Leg:
+    def _looked(self, own: complex, goal: complex, low_m: float, high_m: float) -> WayLeg:
         zones = tuple(k for k, zone in enumerate(self._zones) if zone.blocks(low_m, high_m))
         if zones not in self._maps:
             self._maps = {zones: self._map(zones)}
         ways, here, there = self._maps[zones], _point(own), _point(goal)
         if ways.open_line(here, there):
             self._way = []
-            return Leg(goal, abs(goal - own), "")
+            return WayLeg(goal, abs(goal - own), "")
         way = self._way
         kept = way and abs(way[-1] - goal) <= _MOVED_M and ways.open_line(here, _point(way[0]))
         if not kept:
@@ -95,8 +95,8 @@ class OwnWay:
         self._way = way
         name = self._cut(own, goal, zones)
         if not way:
-            return Leg(own, 0.0, name, exists=False)
-        return Leg(way[0], 0.0, name)
+            return WayLeg(own, 0.0, name, exists=False)
+        return WayLeg(way[0], 0.0, name)
 
     def _left_m(self, own: complex) -> float:
         return sum(abs(b - a) for a, b in itertools.pairwise((own, *self._way)))
@@ -136,7 +136,7 @@ def _convex(corners: Sequence[Point]) -> bool:
     return all(turn >= 0.0 for turn in turns) or all(turn <= 0.0 for turn in turns)
 
 
-def wish_on(leg: Leg, own: complex, gain: float, most_mps: float) -> complex:
+def wish_on(leg: WayLeg, own: complex, gain: float, most_mps: float) -> complex:
     """The velocity that flies a leg: slower as the place comes near, none where there is no way."""
     way = leg.to - own
     return way / max(abs(way), 1e-9) * min(most_mps, gain * leg.left_m)

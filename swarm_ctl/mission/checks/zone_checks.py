@@ -9,6 +9,7 @@ from swarm_ctl.core.kernel.decide import NearWall
 from swarm_ctl.core.kernel.walls import FENCE
 from swarm_ctl.core.model.plan import AgentPlan, Plan, Point
 from swarm_ctl.core.model.steps.step import Step
+from swarm_ctl.core.safety.among_zones import AmongZones
 from swarm_ctl.core.safety.fence import area, crossing_edges
 from swarm_ctl.core.safety.surroundings import Surroundings
 from swarm_ctl.mission.input.document import Mistake, Place
@@ -16,7 +17,6 @@ from swarm_ctl.mission.input.findings import Findings
 from swarm_ctl.mission.input.units import metres
 from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.sections.zone_sections import ZoneSection
-from swarm_ctl.mission.steps.among_zones import AmongZones
 from swarm_ctl.mission.steps.step_kind import Setting
 from swarm_ctl.mission.steps.table import kind_of
 
@@ -101,21 +101,23 @@ def _cut_ways(step: Step, at: Setting, place: Place) -> list[Mistake]:
     ways = kind_of(step).ways_m(step, at)
     if step.new_shape is not None:
         ways = list(zip(before.places_m(), step.after(before).places_m(), strict=True))
+    if step.file is not None:
+        ways = [(before.centre_m, *step.way_m)] * len(plan.agents)
     for agent, way in zip(plan.agents, ways, strict=False):
         height_m = return_height_m(plan, agent.id) if step.goes_home else before.height_m
         among = AmongZones.of(plan, (before.height_m, height_m))
         cut = among.cut(way)
-        if not cut or (not step.path and among.leads(way)):
+        if not cut or ((step.file or not step.path) and among.leads(way)):
             continue
         what = f"agent {agent.id} has no way past zone {cut} to {_point(way[-1])}"
         allowed = "a wider gap, or another place"
         if step.way_m:
             radius_m = before.radius_m
             gap_m = among.gap_m(before.centre_m, step.way_m[-1], radius_m)
-            widest = f"the widest gap is about {gap_m:.1f} m" if gap_m else "there is no way"
-            needed = f"the formation needs {among.needed_m(radius_m):.1f} m"
-            what = f"the formation has no way past zone {cut}: {widest}, {needed}"
-            allowed = "a wider gap, a smaller shape, or another way"
+            widest = f"the widest gap is about {gap_m:.1f} m" if gap_m else "there is no gap"
+            needed = f"one vehicle needs {among.needed_m(0.0):.1f} m"
+            what = f"there is no way past zone {cut}: {widest}, {needed}"
+            allowed = "a wider gap, or another way"
         return [Mistake(place, what, allowed)]
     return []
 

@@ -44,8 +44,8 @@ class PlanAndFleet(BaseModel):
         defer_build=True,  # a run needs its manifest alone
     )
 
-    schema_version: Literal[2] = 2
-    """In 1, the plan had no shapes."""
+    schema_version: Literal[3] = 3
+    """In 1, the plan had no shapes, in 2 no zones."""
     plan: Plan
     plan_hash: str = Field(pattern=r"^[0-9a-f]{16}$")
     """`Plan.fingerprint`: hexadecimal, because many JSON readers lose a 64-bit integer's last

@@ -25,7 +25,14 @@ class MoveStep(Path):
     settle_s: float
     timeout_s: float
     on_timeout: Policy = Policy.LAND
+    opens_m: float | None = None
+    """None: all together. Else in file, one behind the other along the waypoints, until so much of
+    the way is left."""
     kind: Literal["move"] = "move"
+
+    @property
+    def file(self) -> MoveStep | None:
+        return None if self.opens_m is None else self
 
     @property
     def way_m(self) -> tuple[Point, ...]:

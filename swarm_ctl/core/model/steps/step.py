@@ -13,6 +13,7 @@ from swarm_ctl.core.model.policies import Policy
 
 if TYPE_CHECKING:
     from swarm_ctl.core.model.steps.form import FormStep
+    from swarm_ctl.core.model.steps.move import MoveStep
 
 _ARRIVED_M: Final = 0.02
 
@@ -71,6 +72,11 @@ class Step(ABC):
     @property
     def path(self) -> Path | None:
         """The step itself, where it leads the formation on a way."""
+        return None
+
+    @property
+    def file(self) -> MoveStep | None:
+        """The step itself, where the agents follow each other in file."""
         return None
 
     @property

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from swarm_ctl.mission.compile.loader import loads
+from swarm_ctl.mission.steps.table import kind_of
 from tests.unit.mission.example import TEXT, problems
 
 LINE = 1 + TEXT.count("\n")
@@ -116,19 +117,32 @@ def test_a_move_goes_round_a_zone_and_straight_where_every_agent_has_room() -> N
         assert (len(step.way_m) == 1) is (corners == 1)
 
 
-def test_a_move_without_a_way_is_refused_with_the_gap_that_there_is() -> None:
-    """A wall across its way, from fence to fence, open in one place."""
+def gate(width: float) -> str:
+    """A wall across the way, from fence to fence, with an opening of so many units."""
     walls = (
         f"w{k}: {{polygon: [[8, {a}], [9, {a}], [9, {b}], [8, {b}]]}}"
-        for k, (a, b) in enumerate([(-20, 0), (1.6, 20)])
+        for k, (a, b) in enumerate([(-20, 0), (width, 20)])
     )
     zones = "zones:\n  " + "\n  ".join(walls) + "\n"
     fence = "fence: {polygon: [[-9, -19], [40, -19], [40, 19], [-9, 19]]}\n"
-    (problem,) = problems((TEXT + fence + zones).replace(*WIDE))
+    return (TEXT + fence + zones).replace(*WIDE)
+
+
+def test_a_move_through_a_gate_that_is_too_narrow_goes_in_file() -> None:
+    loaded = loads(gate(1.6))
+    step, wide = loaded.plan.steps[2], loads(gate(6.0)).plan.steps[2]
+    assert step.file is not None
+    assert wide.file is None
+    assert step.timeout_s > 1.4 * wide.timeout_s
+    assert kind_of(step).words(step, loaded.plan).startswith("move in file to ")
+
+
+def test_a_move_without_a_way_is_refused_with_the_gap_that_there_is() -> None:
+    (problem,) = problems(gate(0.5))
     assert problem.field == "step 3, move"
-    assert "no way past zone w" in problem.what
-    assert "the widest gap is about 7.7 m, the formation needs 15.0 m" in problem.what
-    assert problem.allowed == "a wider gap, a smaller shape, or another way"
+    assert "there is no way past zone w" in problem.what
+    assert "there is no gap, one vehicle needs 3.5 m" in problem.what
+    assert problem.allowed == "a wider gap, or another way"
 
 
 def test_zones_are_lengths_of_the_file() -> None:

@@ -132,7 +132,7 @@ def test_a_missing_or_mistyped_field_is_refused(field: str) -> None:
     [
         (
             {"schema_version": 1, "plan": {}},
-            "1 is of another version of swarm-ctl; allowed: 2, in a file that `swarm-ctl plan`",
+            "1 is of another version of swarm-ctl; allowed: 3, in a file that `swarm-ctl plan`",
         ),
         ({"plan_hash": "0" * 16}, "plan: plan_hash is 0000000000000000, the plan's is "),
         ({"fleet": []}, "allowed: one entry in the fleet for each of 1, 2, 3, 4, 5, 6"),

@@ -64,7 +64,7 @@ def test_a_run_of_another_version_is_told_by_that_alone(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         read_manifest(tmp_path)
     assert str(caught.value) == (
-        f"{path}: schema_version: 1 is of another version of swarm-ctl; allowed: 2, or the"
+        f"{path}: schema_version: 1 is of another version of swarm-ctl; allowed: 3, or the"
         " swarm-ctl that wrote it"
     )
 

@@ -1,0 +1,131 @@
+"""A move in file: all agents follow one way, one behind the other, and stand in their shape again
+where it opens.
+
+No agent leads: each has its rank by its slot, the front one first, and follows the one before it,
+by where that one says that it is. One that is lost, or has left, is followed by nobody. Where the
+way opens, each flies to its own place; until its turn comes, it stays.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Collection, Mapping
+from typing import Final
+
+from swarm_ctl.core.model.geometry import Point
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.steps.move import MoveStep
+from swarm_ctl.core.safety.ways import point_on
+from swarm_ctl.core.swarm.snapshot import PeerSnapshot
+
+GAP: Final = 1.1
+"""[of r_out] from one to the next: so far, the avoidance does not act between them."""
+_AHEAD_M: Final = 6.0
+"""Of the own place on the way, the point that is flown to: farther than a vehicle brakes in."""
+_BACK_M: Final = 8.0
+_ON_M: Final = 15.0
+"""A vehicle is looked for on the way from so far behind where it was to so far before it: a way
+may come near to itself."""
+_TURN_M: Final = 0.3
+"""Less room than this is waited for."""
+
+
+def gap_m(plan: Plan) -> float:
+    """From one stop point to the next on the way."""
+    return GAP * plan.law.r_out * plan.unit_m
+
+
+class InFile:
+    """One agent's part in a move in file."""
+
+    def __init__(self, plan: Plan, own_id: int) -> None:
+        self._own, self._unit_m, self._gap_m = own_id, plan.unit_m, gap_m(plan)
+        self._step: MoveStep | None = None
+        self._way: list[complex] = []
+        self._ends: list[float] = []
+        """How far along the way each corner is."""
+        self._ranks: list[int] = []
+        self._at: dict[int, float] = {}
+        """How far along the way each agent is."""
+
+    def begin(self) -> None:
+        """Another step begins."""
+        self._step = None
+
+    def place(
+        self,
+        step: MoveStep,
+        start_m: Point,
+        slots: Mapping[int, Point],
+        own_m: Point,
+        peers: PeerSnapshot,
+        departed: Collection[int],
+    ) -> Point | None:
+        """Where to fly now; None: stay.
+
+        Args:
+            step: the move.
+            start_m: the formation's centre before it.
+            slots: of all agents, as the shape is turned and scaled now [units].
+            own_m: the own stop point.
+            peers: all that is heard.
+            departed: the agents that have left the formation.
+        """
+        if self._step is not step:
+            self._set_out(step, start_m, slots)
+        self._look(self._own, complex(*own_m))
+        heard = set[int]()
+        for peer in peers.peers:
+            if peer.followed and peer.id in slots and peer.id not in departed:
+                heard.add(peer.id)
+                self._look(peer.id, peer.stop_point)
+        whole, own = self._ends[-1], self._at[self._own]
+        opens = whole - (step.opens_m or 0.0)
+        if own >= opens - _TURN_M:
+            north, east = slots[self._own]
+            goal = step.waypoints_m[-1]
+            return goal[0] + north * self._unit_m, goal[1] + east * self._unit_m
+        most = min(own + _AHEAD_M, whole)
+        before = self._ranks[: self._ranks.index(self._own)]
+        ahead = next((i for i in reversed(before) if i in heard), None)
+        if ahead is not None and self._at[ahead] < opens:
+            most = min(most, self._at[ahead] - self._gap_m)
+        if most < own + _TURN_M:
+            return None
+        at = self._point(most)
+        return at.real, at.imag
+
+    def _set_out(self, step: MoveStep, start_m: Point, slots: Mapping[int, Point]) -> None:
+        """The way, from behind the last slot on, and the ranks."""
+        self._step = step
+        start, first = complex(*start_m), complex(*step.waypoints_m[0])
+        heading = (first - start) / max(abs(first - start), 1e-9)
+        along = {
+            i: (heading.conjugate() * complex(*slot)).real * self._unit_m
+            for i, slot in slots.items()
+        }
+        back_m = max(0.0, -min(along.values()))
+        self._way = [start - heading * back_m, *(complex(*at) for at in step.waypoints_m)]
+        legs = [abs(b - a) for a, b in itertools.pairwise(self._way)]
+        self._ends = [0.0, *itertools.accumulate(legs)]
+        self._ranks = sorted(along, key=lambda i: (-along[i], i))
+        self._at = {i: min(max(0.0, back_m + x), legs[0]) for i, x in along.items()}
+
+    def _look(self, agent: int, at: complex) -> None:
+        """Where it is on the way, near where it was."""
+        was = self._at[agent]
+        low, high = was - _BACK_M, was + _ON_M
+        best = (math.inf, was)
+        for k, (a, b) in enumerate(itertools.pairwise(self._way)):
+            begin, end = self._ends[k], self._ends[k + 1]
+            if end < low or begin > high or end == begin:
+                continue
+            way = (b - a) / (end - begin)
+            along = (way.conjugate() * (at - a)).real
+            along = min(max(along, low - begin, 0.0), high - begin, end - begin)
+            best = min(best, (abs(at - a - way * along), begin + along))
+        self._at[agent] = best[1]
+
+    def _point(self, along: float) -> complex:
+        return point_on(self._way, self._ends, along)

@@ -1,0 +1,153 @@
+"""The ways that a formation has among zones: together, in file, or none."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+import numpy as np
+
+from swarm_ctl.core.kernel.walls import wall_margins_of
+from swarm_ctl.core.model.geometry import Point
+from swarm_ctl.core.model.plan import Plan, Response, Zone
+from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.safety.ways import WayMap, point_on
+
+_TOUCHES_M: Final = 0.02
+"""A way round a zone may come so much nearer than a vehicle may stay: ways are rounded."""
+_SPARE_M: Final = 0.5
+"""In file, vehicles stay so much farther off than the filter keeps them: they are not slowed."""
+_LONGER: Final = 1.5
+"""A way that is wide enough for all, and longer than one vehicle's by this factor, is not taken."""
+_STEP_M: Final = 1.0
+_GAP_M: Final = 0.1
+"""How exactly the width of a gap is told."""
+
+
+class AmongZones:
+    """Where what flies between two heights can go.
+
+    Args:
+        zones: of the plan; those at other heights do not count.
+        fence_m: corners of the fence; (): it is not in the way.
+        response: of the vehicles.
+        speed_mps: the most that they fly.
+        heights_m: from, to.
+    """
+
+    def __init__(
+        self,
+        zones: Iterable[Zone],
+        fence_m: Sequence[Point],
+        response: Response,
+        speed_mps: float,
+        heights_m: tuple[float, float],
+    ) -> None:
+        self._response, self._speed_mps, self._fence_m = response, speed_mps, fence_m
+        self.zones = [zone for zone in zones if zone.blocks(*heights_m)]
+        """Those that are in the way."""
+        self._alone = {zone.name: self._map([zone], (), -_TOUCHES_M) for zone in self.zones}
+
+    @classmethod
+    def of(cls, plan: Plan, heights_m: tuple[float, float]) -> AmongZones:
+        """Of a plan."""
+        fence_m = plan.fence.polygon_m if plan.fence else ()
+        return cls(plan.zones, fence_m, plan.response, plan.limits.speed_mps, heights_m)
+
+    def cut(self, way_m: Iterable[Point]) -> str:
+        """The first zone that cuts this way of one vehicle: `oak`; '': none does."""
+        for a, b in itertools.pairwise(way_m):
+            for name, alone in self._alone.items():
+                if not alone.free_line(a, b):
+                    return name
+        return ""
+
+    def leads(self, way_m: Sequence[Point]) -> bool:
+        """A single vehicle has a way from corner to corner."""
+        alone = self._map(self.zones, self._fence_m, -_TOUCHES_M)
+        return all(alone.shortest(a, b) for a, b in itertools.pairwise(way_m))
+
+    def round(
+        self, before: PlannedFormation, waypoints_m: Sequence[Point]
+    ) -> tuple[tuple[Point, ...], float | None]:
+        """The waypoints of the formation's centre, and between them what leads it round zones; and
+        None, or that it goes in file, until so much of its way is left.
+
+        Straight on where no zone cuts the way of an agent, and where there is no way. In file where
+        no way is wide enough for all, or each is much longer than that of one vehicle.
+        """
+        legs = list(itertools.pairwise((before.centre_m, *waypoints_m)))
+        together, single, narrow = list[Point](), list[Point](), False
+        if not any(
+            self.cut(way)
+            for a, b in legs
+            for way in zip(before.places_m(a), before.places_m(b), strict=True)
+        ):
+            return tuple(waypoints_m), None
+        wide = self._map(self.zones, self._fence_m, before.radius_m)
+        alone = self._map(self.zones, self._fence_m, _SPARE_M)
+        for a, b in legs:
+            way, short = wide.shortest(a, b), alone.shortest(a, b)
+            straight = zip(before.places_m(a), before.places_m(b), strict=True)
+            if not any(self.cut(each) for each in straight):
+                way = [a, b]
+            elif short and len(before.slots) > 1:
+                narrow = narrow or way is None or _length_m(way) > _LONGER * _length_m(short)
+            together += _rounded(way or [a, b])
+            single += _rounded(short or way or [a, b])
+        if not narrow:
+            return tuple(together), None
+        return tuple(single), _open_m([before.centre_m, *single], wide)
+
+    def gap_m(self, a: Point, b: Point, radius_m: float) -> float:
+        """How wide the widest way is that leads from a to b, and is too narrow for a formation of
+        this radius; 0: there is none, for a single vehicle either."""
+        low, high = 0.0, radius_m
+        if self._map(self.zones, self._fence_m, low).shortest(a, b) is None:
+            return 0.0
+        while high - low > 0.5 * _GAP_M:
+            middle = 0.5 * (low + high)
+            if self._map(self.zones, self._fence_m, middle).shortest(a, b) is None:
+                high = middle
+            else:
+                low = middle
+        return 2.0 * (low + self._keep_m(min(zone.clearance_m for zone in self.zones)))
+
+    def needed_m(self, radius_m: float) -> float:
+        """How wide a gap has to be for a formation of this radius."""
+        return 2.0 * (radius_m + self._keep_m(max(zone.clearance_m for zone in self.zones)))
+
+    def _map(self, zones: Iterable[Zone], fence_m: Sequence[Point], radius_m: float) -> WayMap:
+        outlines = [
+            (zone.corners_m, zone.radius_m, radius_m + self._keep_m(zone.clearance_m))
+            for zone in zones
+        ]
+        return WayMap(outlines, fence_m, radius_m + self._keep_m(0.0))
+
+    def _keep_m(self, clearance_m: float) -> float:
+        """How far stop points stay from what has this clearance."""
+        return wall_margins_of(clearance_m, self._response, self._speed_mps).keep
+
+
+def _length_m(way: Sequence[Point]) -> float:
+    return sum(math.dist(a, b) for a, b in itertools.pairwise(way))
+
+
+def _rounded(way: Sequence[Point]) -> list[Point]:
+    """Without its first point, and to millimetres but for the last."""
+    return [*((round(n, 3), round(e, 3)) for n, e in way[1:-1]), way[-1]]
+
+
+def _open_m(way: Sequence[Point], wide: WayMap) -> float:
+    """So much of the end of a way is wide enough for all."""
+    points, whole = [complex(*corner) for corner in way], _length_m(way)
+    ends = [0.0, *itertools.accumulate(math.dist(a, b) for a, b in itertools.pairwise(way))]
+    open_m = 0.0
+    while open_m + _STEP_M < whole:
+        at = point_on(points, ends, whole - open_m - _STEP_M)
+        if not wide.free(np.array([at]))[0]:
+            break
+        open_m += _STEP_M
+    return open_m

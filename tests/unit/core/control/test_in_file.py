@@ -1,0 +1,90 @@
+"""A move in file: who goes when, where to, and what a lost one changes."""
+
+from __future__ import annotations
+
+import math
+
+from swarm_ctl.core.control.in_file import InFile, gap_m
+from swarm_ctl.core.model.geometry import Point
+from swarm_ctl.core.model.steps.move import MoveStep
+from swarm_ctl.core.swarm.snapshot import OtherAircraft, PeerSnapshot
+from tests.unit.core.builders import NOW, UNIT_M, plan
+
+PLAN = plan()
+GAP_M = gap_m(PLAN)
+SLOTS: dict[int, Point] = {1: (-3.0, 0.0), 2: (0.0, 0.0), 3: (3.0, 0.0)}
+"""3 is the front one [units]."""
+STEP = MoveStep(((60.0, 0.0), (60.0, 80.0)), 4.0, 0.5, 2.0, 100.0, opens_m=20.0)
+
+
+def at_start() -> dict[int, Point]:
+    return {i: (north * UNIT_M, east * UNIT_M) for i, (north, east) in SLOTS.items()}
+
+
+def heard(places: dict[int, Point], own: int, lost: tuple[int, ...] = ()) -> PeerSnapshot:
+    peers = tuple(
+        OtherAircraft(i, stop_point=complex(*at), position=complex(*at), followed=i not in lost)
+        for i, at in places.items()
+        if i != own
+    )
+    return PeerSnapshot(NOW, peers)
+
+
+def place(
+    places: dict[int, Point],
+    own: int,
+    *,
+    lost: tuple[int, ...] = (),
+    departed: tuple[int, ...] = (),
+) -> Point | None:
+    """Where one of them flies first."""
+    peers = heard(places, own, lost)
+    return InFile(PLAN, own).place(STEP, (0.0, 0.0), SLOTS, places[own], peers, departed)
+
+
+def test_the_front_one_sets_out_and_the_others_stay_until_there_is_room() -> None:
+    places = at_start()
+    ahead = place(places, 3)
+    assert ahead is not None
+    assert ahead[0] > places[3][0]
+    assert place(places, 2) is None
+    assert place(places, 1) is None
+    gone = places | {3: (GAP_M + 1.0, 0.0)}
+    assert place(gone, 2) is not None
+    assert place(gone, 1) is None
+
+
+def test_one_that_is_lost_or_has_left_is_followed_by_nobody() -> None:
+    places = at_start()
+    assert place(places, 2, lost=(3,)) is not None
+    assert place(places, 2, departed=(3,)) is not None
+    assert place(places, 1, lost=(3,)) is None
+
+
+def test_all_follow_the_way_and_stand_in_their_places_behind_it() -> None:
+    """Perfect vehicles at 4 m/s: one behind the other, apart by the gap on the way."""
+    files, places = {i: InFile(PLAN, i) for i in SLOTS}, at_start()
+    least = math.inf
+    for _ in range(3000):
+        told = dict(places)
+        for i, file in files.items():
+            to = file.place(STEP, (0.0, 0.0), SLOTS, told[i], heard(told, i), ())
+            if to is not None:
+                way = complex(*to) - complex(*told[i])
+                step = way * min(1.0, 0.2 / max(abs(way), 1e-9))
+                places[i] = told[i][0] + step.real, told[i][1] + step.imag
+        on_it = [i for i in SLOTS if 5.0 < places[i][0] < 55.0 and places[i][1] < 1.0]
+        gaps = [math.dist(places[i], places[j]) for i in on_it for j in on_it if i < j]
+        least = min(least, *gaps) if gaps else least
+    assert least > 0.9 * GAP_M
+    for i, slot in SLOTS.items():
+        goal = 60.0 + slot[0] * UNIT_M, 80.0 + slot[1] * UNIT_M
+        assert math.dist(places[i], goal) < 0.5
+
+
+def test_a_way_that_comes_back_beside_itself_is_not_taken_for_its_end() -> None:
+    hook = MoveStep(((60.0, 0.0), (60.0, 4.0), (0.0, 4.0)), 4.0, 0.5, 2.0, 100.0, opens_m=5.0)
+    file, places = InFile(PLAN, 3), at_start()
+    to = file.place(hook, (0.0, 0.0), SLOTS, places[3], heard(places, 3), ())
+    assert to is not None
+    assert to[1] == 0.0
