@@ -30,6 +30,7 @@ from swarm_ctl.cli.hosts.on_host import on_host
 from swarm_ctl.cli.missions.missions import missions
 from swarm_ctl.cli.missions.plan import plan
 from swarm_ctl.cli.missions.schema import schema
+from swarm_ctl.cli.missions.zones import zones
 from swarm_ctl.cli.results.replay import replay
 from swarm_ctl.cli.results.report import compare, report
 from swarm_ctl.cli.security.trust import trust
@@ -82,6 +83,7 @@ app.command(cls=_Command)(deploy)
 app.add_typer(hosts)
 app.add_typer(on_host)
 app.add_typer(missions)
+app.add_typer(zones)
 app.add_typer(trust)
 
 

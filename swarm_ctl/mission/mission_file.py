@@ -51,7 +51,8 @@ class MissionFile(Section):
     policies: PolicySection = PolicySection()
     fence: FenceSection = FenceSection()
     zones: dict[Name, ZoneSection] = Field(default={}, max_length=250)
-    """Places that no vehicle enters, by name."""
+    """Places that no vehicle enters, by name; or the path of a GeoJSON, KML or QGroundControl
+    `.plan` file, relative to the mission file."""
     neighbours: Literal["starts"] | Links = "starts"
     """starts: agents that start within `r` of each other are neighbours (the paper's rule); or a
     list of links, [id, id]."""
@@ -82,6 +83,11 @@ def json_schema() -> dict[str, Any]:
     fleet["anyOf"].append(
         {"type": "string", "description": "path of a fleet file, relative to this file"}
     )
+    zones = schema["properties"]["zones"]
+    named = {"type": "string", "description": "path of a file of zones, relative to this file"}
+    told = ("title", "description", "default")
+    inline = {key: zones.pop(key) for key in [*zones] if key not in told}
+    zones["anyOf"] = [inline, named]
     schema["properties"]["steps"]["items"] = {
         "anyOf": [schema["properties"]["steps"]["items"], {"enum": list(LAST)}]
     }

@@ -25,7 +25,7 @@ from swarm_ctl.mission.checks.warnings import warnings
 from swarm_ctl.mission.compile.build_plan import plan_of
 from swarm_ctl.mission.fleet.build_fleet import fleet_of
 from swarm_ctl.mission.fleet.vehicle_kinds import with_vehicles
-from swarm_ctl.mission.input import csv_slots, error_messages, yaml_file
+from swarm_ctl.mission.input import csv_slots, error_messages, yaml_file, zone_files
 from swarm_ctl.mission.input.document import Document
 from swarm_ctl.mission.input.near_matches import nearest
 from swarm_ctl.mission.mission_file import MissionFile
@@ -76,7 +76,9 @@ def _build(
 ) -> LoadedMission:
     folder = _graft_fleet(source, path, fleet)
     known = csv_slots.graft(source, path.parent)
-    written, broken = _sections(source, set() if known else {"shapes"})
+    sound = zone_files.graft(source, path.parent)
+    unknown = ({"shapes"} if not known else set()) | ({"zones"} if not sound else set())
+    written, broken = _sections(source, unknown)
     findings = check(written, frozenset(broken))
     plan = None if broken or findings else plan_of(written.in_units())
     if plan is not None and (slower := envelope.with_usual_speed(written, plan)) is not written:

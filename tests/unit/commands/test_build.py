@@ -11,7 +11,7 @@ import pytest
 
 from swarm_ctl.commands.build import AgentNow, SwarmNow, build
 from swarm_ctl.commands.parse import Order, complete
-from swarm_ctl.core.model.plan import Fence
+from swarm_ctl.core.model.plan import Fence, Zone
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.swarm.gain_update import LEAD_S, planned
@@ -161,3 +161,26 @@ def test_a_move_or_shape_that_brings_any_agent_out_of_the_fence_is_refused() -> 
         InputError, match=r"form hexagon: agent [1-6] would be outside the geofence"
     ):
         build(Order("form", ("hexagon",)), replace(SWARM, plan=replace(PLAN, fence=small)))
+
+
+def test_a_move_goes_round_zones_or_is_refused() -> None:
+    """As a mission's does; and no order gives a place in a zone."""
+    tree = Zone("tree", ((35.0, 60.0),), 4.0, 1.25)
+    wooded = replace(SWARM, plan=replace(PLAN, zones=(tree,)))
+    step = build(Order("move", ("35", "150")), wooded).step
+    assert isinstance(step, MoveStep)
+    assert len(step.waypoints_m) > 1
+    assert step.waypoints_m[-1] == (35.0, 150.0)
+    with pytest.raises(InputError, match=r"move: agent [1-6] would be in zone tree"):
+        build(Order("move", ("35", "60")), wooded)
+    ring = ((-9.0, -60.0), (-9.0, 70.0), (90.0, 70.0), (90.0, -60.0))
+    outer = ((-20.0, -70.0), (-20.0, 80.0), (100.0, 80.0), (100.0, -70.0))
+    walls = tuple(
+        Zone(f"wall-{k}", (a, b, d, c), 0.0, 1.25)
+        for k, (a, b, c, d) in enumerate(
+            zip(ring, (*ring[1:], ring[0]), outer, (*outer[1:], outer[0]), strict=True)
+        )
+    )
+    closed = replace(SWARM, plan=replace(PLAN, zones=walls, fence=None))
+    with pytest.raises(InputError, match="move: there is no way past zone wall-"):
+        build(Order("move", ("35", "250")), closed)
