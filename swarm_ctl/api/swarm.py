@@ -140,6 +140,27 @@ class Swarm:
         words = tuple(f"{name}={value!r}" for name, value in values.items())
         return self._order(parse(" ".join((CommandKind.TUNE, *words)), self.plan))
 
+    def zone_add(
+        self,
+        name: str,
+        *,
+        circle: tuple[float, float, float] | None = None,
+        polygon: Sequence[tuple[float, float]] = (),
+        **heights: float,
+    ) -> SentCommand:
+        """A zone that no vehicle enters, for all agents at one time: a circle (north, east, radius)
+        or a polygon of corners (north, east) [m]; `floor`, `ceiling`, `clearance` as wanted [m]."""
+        shape = "polygon" if circle is None else "circle"
+        numbers = [x for corner in polygon for x in corner] if circle is None else list(circle)
+        words = [f"{number!r}" for number in numbers]
+        words += [f"{key}={value!r}" for key, value in heights.items()]
+        line = " ".join((CommandKind.ZONE, "add", name, shape, *words))
+        return self._order(parse(line, self.plan))
+
+    def zone_lift(self, name: str) -> SentCommand:
+        """A zone is none any more, for all agents at one time."""
+        return self._order(parse(f"{CommandKind.ZONE} lift {name}", self.plan))
+
     def land(self, *agents: int) -> SentCommand:
         """Land where they are: these agents, and the others do as the mission's policy says; or
         all. `finish` waits for the end."""

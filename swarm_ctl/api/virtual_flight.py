@@ -12,13 +12,14 @@ from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Event
 from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.core.swarm.gain_update import ASKS
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.runtime.station.ground_station import Station
 from swarm_ctl.station.picture.view import SwarmView
 from swarm_ctl.virtual.scenario import Scenario
 from swarm_ctl.virtual.scenario_flight import ScenarioFlight
 
-_OF_WHERE: Final = frozenset({CommandKind.FORM, CommandKind.MOVE, CommandKind.TUNE})
+_OF_WHERE: Final = frozenset({CommandKind.FORM, CommandKind.MOVE, *ASKS})
 """Orders that are made of where the agents are, or of their law, wait for them."""
 _HEAR_S: Final = 5.0
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarm_ctl import slot_assignment
-from swarm_ctl.commands.parse import BY_NAME, Order, tuned
+from swarm_ctl.commands.parse import BY_NAME, Order, rezoned, tuned
 from swarm_ctl.core.kernel.walls import FENCE
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.messages import ABOUT, ENDING, Command, CommandKind, Gains, Tuning
@@ -26,6 +26,7 @@ from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.safety.among_zones import AmongZones
 from swarm_ctl.core.safety.fence import inside
 from swarm_ctl.core.safety.surroundings import Surroundings
@@ -52,6 +53,8 @@ class AgentNow:
     """It is heard and controls its vehicle."""
     gains: Gains | None = None
     """The law it flies; None: it has not told yet."""
+    zones: tuple[Zone, ...] | None = None
+    """The zones it keeps out of; None: the plan's, or it has not told yet."""
     clock_ahead_s: float | None = None
     """Its clock less the sender's, 0 where they may be one; None: not known."""
     shows_ahead_s: float = 0.0
@@ -72,6 +75,20 @@ class SwarmNow:
     """The furthest step any agent is in."""
     agents: tuple[AgentNow, ...]
     speedup: float = 1.0
+
+    @property
+    def zones(self) -> tuple[Zone, ...]:
+        """In force, by the agents that fly; InputError where they have different ones."""
+        found = {agent.zones for agent in self.agents if agent.flies and agent.gains is not None}
+        if len(found) > 1:
+            raise InputError("agents have different zones; nothing was sent")
+        told = next(iter(found), None)
+        return self.plan.zones if told is None else told
+
+    @property
+    def airspace(self) -> Plan:
+        """The plan, with the zones in force."""
+        return replace(self.plan, zones=self.zones)
 
     @property
     def formation(self) -> list[AgentNow]:
@@ -128,7 +145,7 @@ def build(order: Order, swarm: SwarmNow) -> Command:
             step: FormStep | MoveStep = _form(order.arguments[0], swarm)
         case CommandKind.MOVE:
             step = _move(order, swarm)
-        case CommandKind.TUNE:
+        case CommandKind.TUNE | CommandKind.ZONE:
             agents, tuning = _tune(order, swarm)
             return replace(command, agents=agents, tuning=tuning, plan_hash=swarm.plan.hash())
         case _:
@@ -205,7 +222,7 @@ def _way_round(
     swarm: SwarmNow, points_m: list[Point], to_m: Point
 ) -> tuple[tuple[Point, ...], float | None]:
     """Round zones, as a mission's `move` goes; InputError where there is no way."""
-    plan, unit = swarm.plan, swarm.plan.unit_m
+    plan, unit = swarm.airspace, swarm.plan.unit_m
     slots = tuple((north / unit, east / unit) for north, east in points_m)
     before = replace(PlannedFormation.at_start(slots, unit), height_m=_height_m(swarm))
     among = AmongZones.of(plan, (before.height_m, before.height_m))
@@ -229,7 +246,7 @@ def _height_m(swarm: SwarmNow) -> float:
 
 def _fenced(kind: str, swarm: SwarmNow, places_m: Mapping[int, NDArray[np.float64]]) -> None:
     """InputError where an order would bring an agent out of the geofence, or into a zone."""
-    plan, height_m = swarm.plan, _height_m(swarm)
+    plan, height_m = swarm.airspace, _height_m(swarm)
     polygon = plan.fence.polygon_m if plan.fence else ()
     around = Surroundings.of(plan)
     for agent, at in places_m.items():
@@ -252,19 +269,32 @@ def _tune(order: Order, swarm: SwarmNow) -> tuple[tuple[int, ...], Tuning]:
     plan = swarm.plan
     unheard = [agent.id for agent in swarm.formation if agent.stop_point_m is None]
     if unheard:
-        raise InputError(f"tune: {agents_named(unheard)} is not heard; nothing was sent")
+        raise InputError(f"{order.kind}: {agents_named(unheard)} is not heard; nothing was sent")
     asked = [agent for agent in swarm.agents if agent.flies]
     if not asked:
-        raise InputError("tune: no agent flies any more; nothing was sent")
+        raise InputError(f"{order.kind}: no agent flies any more; nothing was sent")
     laws = {agent.gains for agent in asked if agent.gains is not None}
+    if order.kind == CommandKind.ZONE and len(laws) != 1:
+        what = "agents fly different laws; `tune` them first" if laws else "no agent tells its law"
+        raise InputError(f"zone: {what}; nothing was sent")
     names = set(limits(plan))
     named = {word.partition("=")[0] for word in order.arguments}
-    if len(laws) != 1 and "plan" not in named and not names <= named:
+    if (
+        order.kind == CommandKind.TUNE
+        and len(laws) != 1
+        and "plan" not in named
+        and not names <= named
+    ):
         what = "agents fly different laws" if laws else "no agent has told its law yet"
         raise InputError(
             f"tune: {what}; name all of {', '.join(sorted(names))}, or say `tune plan`"
         )
-    gains = tuned(order.arguments, next(iter(laws), planned(plan)), plan)
+    gains, zones = next(iter(laws), planned(plan)), swarm.zones
+    if order.kind == CommandKind.ZONE:
+        zones = rezoned(order.arguments, zones, plan)
+    else:
+        gains = tuned(order.arguments, gains, plan)
     at_s = swarm.time_s + LEAD_S * max(1.0, swarm.speedup)
     ahead_s = tuple((agent.id, agent.clock_ahead_s) for agent in asked if agent.clock_ahead_s)
-    return tuple(agent.id for agent in asked), Tuning(gains, at_s, ahead_s)
+    told = None if zones == plan.zones else zones
+    return tuple(agent.id for agent in asked), Tuning(gains, at_s, ahead_s, told)

@@ -7,13 +7,15 @@ makes the mesh's `Command` of an order.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Final
 
 from swarm_ctl.core.model.messages import ABOUT, CommandKind, Gains
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.core.swarm.gain_update import limits, out_of_range, planned
+from swarm_ctl.core.model.zones import Zone
+from swarm_ctl.core.swarm.gain_update import bad_zones, limits, out_of_range, planned
 from swarm_ctl.errors import InputError
 
 
@@ -40,6 +42,11 @@ class Kind:
 _BY: Final = "--by"
 _MOVE_DOES: Final = f"move the formation to a point [m] at a speed [m/s]; {_BY}: so far from here"
 _TUNE_DOES: Final = "change the law of all agents at one time"
+_ZONE_DOES: Final = "a zone [m] that no vehicle enters: for all agents at one time"
+ZONE_USAGE: Final = (
+    "zone add NAME circle N E R, zone add NAME polygon N E N E N E ..., both with floor=M,"
+    " ceiling=M and clearance=M as wanted, or zone lift NAME, in metres"
+)
 _LANDS: Final = ("it lands where it is", "they land where they are")
 _RETURNS: Final = ("it flies home and lands", "they fly home, all at once, and land")
 _FALLS: Final = ("its motors stop, and it falls", "their motors stop, and they fall")
@@ -54,6 +61,7 @@ KINDS: Final[tuple[Kind, ...]] = (
     Kind(CommandKind.FORM, "SHAPE", "fly into another shape of the mission", "f"),
     Kind(CommandKind.MOVE, "NORTH EAST [SPEED]", _MOVE_DOES, "m"),
     Kind(CommandKind.TUNE, "NAME=VALUE ...", _TUNE_DOES, "u"),
+    Kind(CommandKind.ZONE, "add/lift NAME ...", _ZONE_DOES, "z"),
     Kind(CommandKind.LAND, "", "land in place", "l", _LANDS),
     Kind(CommandKind.RETURN, "", "fly home and land", "b", _RETURNS),
     Kind(CommandKind.KILL, "", "stop the motors: the vehicle falls", "K", _FALLS),
@@ -136,6 +144,8 @@ def arguments(kind: Kind, named: Sequence[str], plan: Plan) -> list[str]:
         values = asdict(planned(plan)).items()
         taken = {word.partition("=")[0] for word in named}
         return [*(f"{name}={value:g}" for name, value in values if name not in taken), "plan"]
+    if kind.name is CommandKind.ZONE:
+        return zone_words(named, plan)
     return [] if kind.for_all or named else ["@all", *(f"@{agent.id}" for agent in plan.agents)]
 
 
@@ -166,6 +176,60 @@ def tuned(words: Iterable[str], law: Gains, plan: Plan) -> Gains:
     if wrong:
         raise InputError(f"tune: {wrong}")
     return gains
+
+
+def rezoned(
+    words: Sequence[str], zones: tuple[Zone, ...], plan: Plan, *, known: bool = True
+) -> tuple[Zone, ...]:
+    """`zones` with one added or lifted. `known`: they are those in force, not only the plan's.
+
+    Raises:
+        InputError: it is none, or there is one, or none, of that name.
+    """
+    verb, name, *rest = (*words, "", "")[: max(2, len(words))]
+    names = [zone.name for zone in zones]
+    if verb == "lift" and name and not rest:
+        if known and name not in names:
+            raise InputError(f"there is no zone {name}; allowed: {', '.join(names) or 'none'}")
+        return tuple(zone for zone in zones if zone.name != name)
+    options = dict(word.split("=", 1) for word in rest if "=" in word)
+    shape, *numbers = [word for word in rest if "=" not in word] or [""]
+    values = [_number(word) for word in numbers]
+    heights = {key: _number(value) for key, value in options.items()}
+    allowed = ("floor", "ceiling", "clearance")
+    sound = verb == "add" and name and all(map(math.isfinite, (*values, *heights.values())))
+    if shape == "circle":
+        sound = sound and len(values) == 3
+    else:
+        sound = sound and shape == "polygon" and len(values) >= 6 and len(values) % 2 == 0
+    if not sound or set(heights) - set(allowed):
+        raise InputError(f"usage: {ZONE_USAGE}")
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}", name):
+        raise InputError(f"{name!r} is no name; allowed: A-Z, a-z, 0-9, - and _ (at most 40)")
+    if known and name in names:
+        raise InputError(f"there is a zone {name}; allowed: another name, or lift it first")
+    points = values[:2] if shape == "circle" else values
+    zone = Zone(
+        name,
+        tuple(zip(points[::2], points[1::2], strict=True)),
+        values[2] if shape == "circle" else 0.0,
+        heights.get("clearance", 0.5 * plan.law.r_in * plan.unit_m),
+        heights.get("floor"),
+        heights.get("ceiling"),
+    )
+    wrong = bad_zones((*zones, zone) if known else (zone,))
+    if wrong:
+        raise InputError(f"zone: {wrong}")
+    return (*zones, zone)
+
+
+def zone_words(named: Sequence[str], plan: Plan) -> list[str]:
+    """The words that may follow."""
+    if not named:
+        return ["add ", "lift "]
+    if named[0] == "lift" and len(named) == 1:
+        return [zone.name for zone in plan.zones]
+    return ["circle ", "polygon "] if named[0] == "add" and len(named) == 2 else []
 
 
 def ranges_of_law(plan: Plan) -> str:
@@ -202,6 +266,8 @@ def _check(kind: Kind, arguments: list[str], plan: Plan) -> None:
             raise InputError(f"usage: {usage}, e.g. move 20 -5, or move {_BY} 10 0")
     elif kind.name is CommandKind.TUNE:
         tuned(arguments, planned(plan), plan)
+    elif kind.name is CommandKind.ZONE:
+        rezoned(arguments, plan.zones, plan, known=False)
     elif arguments:
         said = " ".join(arguments)
         raise InputError(f"{usage} takes nothing but agents, not {said!r}; e.g. {usage} @1,3-5")

@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from swarm_ctl.core.model.messages import Ack, Command, CommandKind
+from swarm_ctl.core.model.messages import Ack, Command
 from swarm_ctl.core.model.text import agents_named
-from swarm_ctl.core.swarm.gain_update import GainUpdateRound
+from swarm_ctl.core.swarm.gain_update import ASKS, GainUpdateRound
 
 REPEAT_WALL_S: Final = 0.5
 GIVE_UP_WALL_S: Final = 10.0
@@ -86,7 +86,7 @@ class CommandSender:
         given, the agents that it names, or all."""
         command = self._numbered(command)
         sent = SentCommand(command, tuple(meant) or command.agents or self._agents)
-        first_phase = GainUpdateRound(command) if command.kind == CommandKind.TUNE else None
+        first_phase = GainUpdateRound(command) if command.kind in ASKS else None
         self._open.append(_Open(sent, now, now, first_phase))
         self._repeat(self._open[-1], now)
         return sent

@@ -10,10 +10,14 @@ from typing import Any
 import pytest
 import yaml
 
+from swarm_ctl.commands.build import AgentNow, SwarmNow, build
+from swarm_ctl.commands.parse import parse
+from swarm_ctl.commands.send import CommandSender
 from swarm_ctl.core.kernel.walls import Edge, faced
 from swarm_ctl.core.model.plan import Zone
 from swarm_ctl.core.safety.fence import inside
 from swarm_ctl.core.safety.surroundings import Surroundings
+from swarm_ctl.core.swarm.gain_update import planned
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from tests.on_demand import on_demand
@@ -229,4 +233,44 @@ def test_eight_through_a_dense_wood(seed: int) -> None:
     least, swarm = least_m(mission, seed)
     assert min(least.values()) > 1.25
     assert set(swarm.outcomes().values()) == {"completed"}
+    assert swarm.closest_m > mission.plan.law.r_in * mission.plan.unit_m
+
+
+def ordered(swarm: VirtualSwarm, line: str) -> None:
+    """An operator's zones, for all agents at one time."""
+    now = tuple(
+        AgentNow(i, member.agent._controller.stop_point_m, gains=planned(swarm.plan))
+        for i, member in swarm.members.items()
+    )
+    sender = CommandSender(swarm.send, tuple(swarm.members))
+    sent = sender.send(
+        build(parse(line, swarm.plan), SwarmNow(swarm.plan, swarm.now, 3, now)), swarm.now
+    )
+    heard = len(swarm.acks)
+    until = swarm.now + 5.0
+    while not sent.over and swarm.now < until:
+        sender.turn(swarm.now)
+        swarm.tick()
+        for ack in swarm.acks[heard:]:
+            sender.hear(ack)
+        heard = len(swarm.acks)
+    assert sent.accepted, sent.failed
+
+
+def test_a_zone_that_is_added_in_flight_is_left() -> None:
+    """One over an agent's place: it says so and leaves."""
+    mission = loads(HEAD + STEPS.replace("move: {to", "hold: {duration_s: 40}\n  - move: {to"))
+    swarm = landing_fast(VirtualSwarm(mission))
+    swarm.wait(lambda s: s.in_step(3))
+    swarm.run(1.0)
+    north, east = swarm.positions()[4]
+    ordered(swarm, f"zone add pond circle {north + 0.5} {east + 0.5} 2")
+    swarm.run(12.0)
+    pond = Zone("pond", ((north + 0.5, east + 0.5),), 2.0, 1.25)
+    assert min(gap_m(pond, *place) for place in swarm.positions().values()) > 1.0
+    assert any("is in zone pond, and leaves it" in event.text for event in swarm.events)
+    statuses = [member.status for member in swarm.members.values()]
+    assert all(
+        s is not None and s.zones is not None and s.zones[0].name == "pond" for s in statuses
+    )
     assert swarm.closest_m > mission.plan.law.r_in * mission.plan.unit_m

@@ -160,6 +160,8 @@ class Agent:
         self._notes: list[ParameterNote] = []
         self._told_to_end = ""
         self._phase, self._reason, self._waits = Phase.CONNECT, "", ""
+        self._inside = ""
+        """The zone that the vehicle is in."""
         self._shape = self._group.reference.shape
         """Before the newest commanded one."""
         # what hears and judges
@@ -274,6 +276,9 @@ class Agent:
             self._log.say(now, severity, text)
         if self._controller.gains is not gain_update.gains:
             self._controller.set_gains(gain_update.gains)
+        zones = self._plan.zones if gain_update.zones is None else gain_update.zones
+        if self._controller.zones is not zones:
+            self._controller.set_zones(zones)
 
     # --- obey: the operator's commands ---
 
@@ -402,6 +407,10 @@ class Agent:
         reason = stopped if decision.reason is None else decision.reason
         blind = tick.fix is None and isinstance(decision.course, Course)
         self._phase, self._reason = decision.phase, reason or (NO_FIX if blind else "")
+        inside = self._controller.safety_filter.inside
+        if inside and inside != self._inside:
+            self._log.say(tick.now, Severity.WARNING, f"is in {inside}, and leaves it")
+        self._inside = inside
         if not self._reason and decision.phase in (Phase.FLY, Phase.RETURN):
             self._reason = self._hindered(tick)
         if self._interruption.trigger is None:

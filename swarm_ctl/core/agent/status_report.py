@@ -100,6 +100,7 @@ def status_report(
         vehicle_link=_link_report(view),
         echo=echo,
         gains=controller.gains,
+        zones=controller.other_zones,
         position_accuracy_m=view.position_accuracy_m,
         safety=controller.safety_filter.report(),
         roles=tuple(group.slot_exchange.taken),

@@ -21,6 +21,7 @@ from swarm_ctl.core.law.own_response import OwnResponse
 from swarm_ctl.core.model.messages import Gains, PairReport, SigmaReport
 from swarm_ctl.core.model.plan import Compensation, Plan, Point, Response
 from swarm_ctl.core.model.timeouts import lead_s
+from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.safety.own_way import OwnWay, WayLeg, wish_on
 from swarm_ctl.core.safety.safety_filter import SafetyFilter
 from swarm_ctl.core.safety.surroundings import FENCE_NAME
@@ -57,8 +58,10 @@ class Controller:
         self.headwind = Headwind(vehicle, plan.tick_s)
         self._located_s, self._down_m = math.inf, 0.0
         self.safety_filter = SafetyFilter(plan, own_id, vehicle, self.estimate)
-        speed_mps, tick_s = plan.limits.speed_mps, plan.tick_s
-        self._way = OwnWay(plan.zones, plan.fence, vehicle, speed_mps, tick_s)
+        self._vehicle = vehicle
+        self.zones = plan.zones
+        """In force; `set_zones` changes them."""
+        self._way = self._way_among(plan.zones)
         self._round = ""
         """The zone that the vehicle goes round, or has no way past: in words."""
         self._most_rate = vehicle.most_rate
@@ -91,6 +94,16 @@ class Controller:
         self.gain = gains.kappa * h
         """The law's own rate [1/s]."""
         self._lead_s: float = lead_s(self.gain)
+
+    def set_zones(self, zones: tuple[Zone, ...]) -> None:
+        """The zones in force from now on."""
+        self.zones, self._way = zones, self._way_among(zones)
+        self.safety_filter.set_zones(zones)
+
+    @property
+    def other_zones(self) -> tuple[Zone, ...] | None:
+        """The zones in force; None: the plan's."""
+        return None if self.zones is self._plan.zones else self.zones
 
     @property
     def tally(self) -> dict[str, int]:
@@ -209,6 +222,10 @@ class Controller:
         return f"kept {'inside' if wall == FENCE_NAME else 'off'} {wall}" if wall else ""
 
     # --- parts ---
+
+    def _way_among(self, zones: tuple[Zone, ...]) -> OwnWay:
+        plan = self._plan
+        return OwnWay(zones, plan.fence, self._vehicle, plan.limits.speed_mps, plan.tick_s)
 
     def _leg(self, to: complex) -> WayLeg:
         """To a place of its own, round zones."""

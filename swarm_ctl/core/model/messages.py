@@ -19,6 +19,7 @@ from swarm_ctl.core.model.rows import row
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.vehicle import Vector3
+from swarm_ctl.core.model.zones import Zone
 
 
 class Phase(IntEnum):
@@ -81,6 +82,8 @@ class CommandKind(StrEnum):
     MOVE = "move"
     TUNE = "tune"
     """First phase of a gain update: prepare these gains."""
+    ZONE = "zone"
+    """First phase of such an update that changes zones, not gains."""
     LAND = "land"
     RETURN = "return"
     KILL = "kill"
@@ -360,6 +363,8 @@ class Tuning:
     at_s: float
     ahead_s: tuple[tuple[int, float], ...] = ()
     """(agent, how far its clock is ahead of the sender's), where they differ."""
+    zones: tuple[Zone, ...] | None = None
+    """All zones that hold from then on; None: the plan's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -410,6 +415,8 @@ class AgentStatus:
     echo: Echo | None = None
     gains: Gains | None = None
     """The law in force."""
+    zones: tuple[Zone, ...] | None = None
+    """The zones in force; None: the plan's."""
     position_accuracy_m: float | None = None
     """Of its horizontal position, one standard deviation by the vehicle's own word."""
     roles: tuple[tuple[float, int], ...] = ()

@@ -7,7 +7,7 @@ Metres; a horizontal vector is the complex number north + 1j * east.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from swarm_ctl.core.kernel import constraints
@@ -20,6 +20,7 @@ from swarm_ctl.core.law.own_response import OwnResponse
 from swarm_ctl.core.model.messages import SafetyReport
 from swarm_ctl.core.model.plan import Plan, Point, Response
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
+from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.safety.surroundings import Surroundings
 from swarm_ctl.core.swarm.snapshot import Formation, OtherAircraft, PeerSnapshot
 
@@ -39,7 +40,8 @@ class SafetyFilter:
         self._own = own_id
         self.estimate = estimate
         self._margins = margins_of(plan.law, vehicle, plan.limits.speed_mps, plan.unit_m)
-        self._surroundings = Surroundings(plan.zones, plan.fence, vehicle, plan.limits.speed_mps)
+        self._vehicle = vehicle
+        self.set_zones(plan.zones)
         self.height_m = self.climbs_m = 0.0
         """Of the vehicle, above the origin, and how far it is to climb: zones end at heights."""
         self.loose = False
@@ -48,6 +50,8 @@ class SafetyFilter:
         """This tick's."""
         self._kept = _NOTHING, 0
         """The wall that forbids the wish, and for how many ticks."""
+        self.inside = ""
+        """The zone that the vehicle is in, by fault or because it is a new one."""
         self.waits = False
         """A zone is over or under the vehicle where it is to climb or to sink: it leaves that place
         first."""
@@ -62,6 +66,11 @@ class SafetyFilter:
         self._rows: list[Row] = []
         self._ticks = self._touched = self._yielded = 0
         self._from: set[int] = set()
+
+    def set_zones(self, zones: Sequence[Zone]) -> None:
+        """The zones in force from now on."""
+        speed_mps = self._plan.limits.speed_mps
+        self._surroundings = Surroundings(zones, self._plan.fence, self._vehicle, speed_mps)
 
     def report(self) -> SafetyReport:
         """What was changed so far, and because of which aircraft since the last report."""
@@ -157,6 +166,7 @@ class SafetyFilter:
         low_m, high_m = sorted((self.height_m, self.height_m + self.climbs_m))
         walls = self._surroundings.near(own, low_m, high_m)
         self.waits = bool(walls) and self._surroundings.blocked(walls, self.height_m)
+        self.inside = self._surroundings.holds(walls) if walls and not self.waits else ""
         return walls
 
     def _others(self, snapshot: PeerSnapshot, own: complex, formation: Formation) -> list[Other]:

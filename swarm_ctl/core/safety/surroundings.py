@@ -112,6 +112,11 @@ class Surroundings:
             for wall, margins in walls
         )
 
+    def holds(self, walls: Sequence[NearWall]) -> str:
+        """The zone that the point of these walls is in; '': none."""
+        found = next((w.about for w, _ in walls if w.gap < 0.0 and w.about != FENCE), FENCE)
+        return "" if found == FENCE else self.name(found)
+
     def nearest_zone(self, walls: Sequence[NearWall]) -> str:
         """The name of the zone that is nearer than its clearance; '': none is."""
         zones = [wall for wall, margins in walls if wall.gap < margins.keep - margins.spare]

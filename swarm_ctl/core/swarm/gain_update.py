@@ -1,5 +1,6 @@
-"""The law's gains changed in flight (`delta_a`, `delta_l`, `h`, `kappa`): by all agents at one
-mission time, or by none.
+"""The law's gains changed in flight (`delta_a`, `delta_l`, `h`, `kappa`), and the zones: by all
+agents at one mission time, or by none. What holds for gains here holds for zones: an update has
+both, so `tune` keeps the zones, and `zone` the gains.
 
 Two phases. `tune` names the four values, the time from which they hold (about two seconds ahead)
 and the agents that fly. Each of those prepares the update or refuses it with a reason. When every
@@ -33,6 +34,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
 from typing import Final
 
+from swarm_ctl.core.model.geometry import area, crossing_edges
 from swarm_ctl.core.model.messages import (
     Ack,
     AgentState,
@@ -45,9 +47,12 @@ from swarm_ctl.core.model.messages import (
 )
 from swarm_ctl.core.model.plan import Compensation, Plan
 from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
-KINDS: Final = (CommandKind.TUNE, CommandKind.APPLY)
+ASKS: Final = (CommandKind.TUNE, CommandKind.ZONE)
+"""First phases."""
+KINDS: Final = (*ASKS, CommandKind.APPLY)
 LEAD_S: Final = 2.0
 """From the command to its time; a lost message is sent again every half second. On the wall clock
 where that is the slower one."""
@@ -71,6 +76,9 @@ SAFE_RATE_AT_MOST: Final = 4.0
 PLAIN_RATE_AT_MOST: Final = 0.05
 """kappa * h with `compensation: none`: 0 of 300 missions under r_in; 80 with four times as much."""
 _ROUNDING: Final = 1e-9
+ZONES_AT_MOST: Final = 250
+_CORNERS_AT_MOST: Final = 200
+_FARTHEST_M: Final = 20_000.0
 _ORIGINAL: Final = (-math.inf, 0)
 
 
@@ -125,6 +133,38 @@ def differences(one: Gains, other: Gains) -> str:
     return ", ".join(f"{name} {a:g} -> {b:g}" for (name, a), b in pairs if a != b)
 
 
+def bad_zones(zones: tuple[Zone, ...]) -> str:
+    """Why these can't be zones, and what could; '' where they can."""
+    if len(zones) > ZONES_AT_MOST:
+        return f"{len(zones)} zones; allowed: at most {ZONES_AT_MOST}"
+    if len({zone.name for zone in zones}) < len(zones):
+        return "two zones have one name; allowed: a name of its own for each"
+    for zone in zones:
+        heights = (zone.floor_m or 0.0, zone.ceiling_m or 0.0)
+        numbers = (
+            zone.radius_m,
+            zone.clearance_m,
+            *heights,
+            *(x for at in zone.corners_m for x in at),
+        )
+        if not all(abs(x) <= _FARTHEST_M for x in numbers):  # NaN is not
+            return f"zone {zone.name}: a number is out of range; allowed: to {_FARTHEST_M:g} m"
+        circle, corners = len(zone.corners_m) == 1, zone.corners_m
+        if not (zone.radius_m > 0 if circle else 3 <= len(corners) <= _CORNERS_AT_MOST):
+            allowed = f"a radius above 0, or 3 to {_CORNERS_AT_MOST} corners"
+            return f"zone {zone.name} is no area; allowed: {allowed}"
+        if not circle and (crossing_edges(corners) or area(corners) < 0.01):
+            return f"zone {zone.name} is no area; allowed: corners in order around a place"
+    return ""
+
+
+def zone_changes(before: tuple[Zone, ...], after: tuple[Zone, ...]) -> str:
+    """`add pond, lift oak`; '' where they are the same."""
+    was, are = ({zone.name: zone for zone in zones} for zones in (before, after))
+    words = [f"add {name}" for name, zone in are.items() if was.get(name) != zone]
+    return ", ".join(words + [f"lift {name}" for name in was if name not in are])
+
+
 class GainUpdate:
     """One agent's gains: in force, prepared, and decided but waiting for their time."""
 
@@ -136,6 +176,8 @@ class GainUpdate:
         self._since = _ORIGINAL
         self._unknown: set[int] = set()
         self.gains = planned(plan)
+        self.zones: tuple[Zone, ...] | None = None
+        """In force; None: the plan's."""
         self.tag = 0
         """`Command.tag` of the update in force; 0: the mission's own gains."""
         self.decided = 0
@@ -160,7 +202,7 @@ class GainUpdate:
         unasked = [peer for peer in self._flying(peers) if peer not in command.agents]
         if unasked:
             return f"{agents_named(unasked)} flies too, and was not asked"
-        return out_of_range(tuning.gains, self._plan)
+        return out_of_range(tuning.gains, self._plan) or bad_zones(tuning.zones or ())
 
     def _too_late(self, tag: int, now: float) -> str:
         if tag in (self.tag, self.decided):
@@ -234,8 +276,14 @@ class GainUpdate:
             return []
         self._since, self.tag = (tuning.at_s, tag), tag
         before, self.gains = self.gains, tuning.gains
-        what = differences(before, self.gains) or "the same values"
-        return [(Severity.INFO, f"the law is another one: {what}")]
+        zones, self.zones = self.zones, tuning.zones
+        changed = zone_changes(self._of(zones), self._of(self.zones))
+        what = differences(before, self.gains) or ("" if changed else "the same values")
+        said = [(Severity.INFO, f"the law is another one: {what}")] if what else []
+        return said + ([(Severity.INFO, f"zones: {changed}")] if changed else [])
+
+    def _of(self, zones: tuple[Zone, ...] | None) -> tuple[Zone, ...]:
+        return self._plan.zones if zones is None else zones
 
 
 @dataclass(slots=True)

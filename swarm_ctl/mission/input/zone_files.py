@@ -28,7 +28,7 @@ _MOST_BYTES: Final = 5_000_000
 _MOST_PROBLEMS: Final = 20
 _CORNERS: Final = 32
 """Of a circle, where a polygon has to stand for it."""
-_HEIGHTS: Final = ("floor_m", "ceiling_m", "clearance_m")
+_HEIGHTS: Final[tuple[str, ...]] = ("floor_m", "ceiling_m", "clearance_m")
 KINDS: Final = (".geojson", ".json", ".kml", ".plan")
 _ALLOWED: Final = (
     f"a file of at most {_MOST_BYTES / 1e6:g} MB ending in {', '.join(KINDS)}, in the mission's"

@@ -287,6 +287,7 @@ def swarm_now(view: SwarmView) -> SwarmNow:
             lost=agent.lost,
             flies=agent.id in flying,
             gains=agent.status.gains if agent.status else None,
+            zones=agent.status.zones if agent.status else None,
             clock_ahead_s=agent.link.clock_ahead_s,
             shows_ahead_s=_shows_ahead_s(agent, view.time_s),
             left=agent.id in left,

@@ -10,6 +10,7 @@ from swarm_ctl.commands.build import SwarmNow
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.model.messages import AgentState, AgentStatus, CommandKind
+from swarm_ctl.core.swarm.gain_update import ASKS
 from swarm_ctl.errors import StartError
 from swarm_ctl.mesh.zenoh_config import part_in
 from swarm_ctl.report.folder.manifest import Manifest, read_manifest
@@ -148,7 +149,7 @@ class RunClient:
         """A command that is made of where the agents are, or of their law, waits for all of them;
         others leave as soon as the mesh is joined."""
         needs_all, since_s = (
-            order.kind in (CommandKind.FORM, CommandKind.TUNE) or order.by,
+            order.kind in (CommandKind.FORM, *ASKS) or order.by,
             self._clock.now(),
         )
         until = self._waited_s() + _HEAR_WALL_S
@@ -157,7 +158,7 @@ class RunClient:
         while len(ready) < len(self._now().meant(order)) and self._waited_s() < until:
             self._station.hear()
             before, heard = heard, self._heard(since_s)
-            ready = [agent for agent in heard if agent.status or order.kind != CommandKind.TUNE]
+            ready = [agent for agent in heard if agent.status or order.kind not in ASKS]
             if heard and not before and not needs_all:
                 until = min(until, self._waited_s() + _REST_WALL_S)
             self.turn()

@@ -147,7 +147,7 @@ def _at(point: Point, state: AgentState) -> Vector3:
 
 def _walls(view: SwarmView) -> Iterator[LinePrimitive]:
     """The outline of each zone at its floor, and at its ceiling where it has one."""
-    for zone in view.plan.zones:
+    for zone in view.zones:
         for height_m in {zone.floor_m or 0.0, zone.ceiling_m or 0.0}:
             around = (*zone.outline_m, zone.outline_m[0])
             points = tuple(east_north_up((*corner, -height_m)) for corner in around)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from swarm_ctl.commands.answers import others
-from swarm_ctl.core.model.messages import Command, Event, Phase, Severity
+from swarm_ctl.core.model.messages import Command, CommandKind, Event, Phase, Severity
 from swarm_ctl.core.model.text import agents_counted, agents_named, printable, ranges
 from swarm_ctl.core.swarm.gain_update import named
 from swarm_ctl.station.picture.alarms import Alarm, Level
@@ -118,6 +118,11 @@ def command_words(command: Command) -> str:
         return f"{words} to {', '.join(f'{x:.4g}' for x in step.way_m[-1])} m"
     if command.tuning is None:
         return words
+    if command.kind == CommandKind.ZONE or (command.commits and command.tuning.zones is not None):
+        zones, when = command.tuning.zones, f"from {command.tuning.at_s:.1f} s"
+        names = "as planned" if zones is None else ", ".join(printable(z.name) for z in zones)
+        names = names or "none"
+        return f"zones {names} {when}" if command.commits else f"ask for zones {names}"
     law = named(command.tuning.gains)
     return f"tune {law} from {command.tuning.at_s:.1f} s" if command.commits else f"ask for {law}"
 

@@ -25,6 +25,7 @@ from swarm_ctl.core.model.messages import (
     SigmaReport,
 )
 from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.station.picture.history import Histories
 from swarm_ctl.station.picture.protection import LOCAL, Protection, protection_words
 
@@ -218,6 +219,13 @@ class SwarmView:
     def stations_there(self) -> int:
         """How many stations there are now, this one included."""
         return sum(self.time_s - heard_s <= _STATION_S for heard_s in self.stations.values())
+
+    @property
+    def zones(self) -> tuple[Zone, ...]:
+        """In force, by the newest word of an agent."""
+        told = [agent.status for agent in self.agents if agent.status is not None]
+        newest = max(told, key=lambda status: status.time_s, default=None)
+        return self.plan.zones if newest is None or newest.zones is None else newest.zones
 
     @property
     def laws(self) -> dict[int, tuple[AgentView, ...]]:

@@ -106,8 +106,8 @@ class _Drawing:
 
     def zones(self) -> None:
         """Their outlines, and the fence's."""
-        plan, dot = self.picture.view.plan, self.scale.dot
-        outlines = [(zone.outline_m, "red") for zone in plan.zones]
+        view, dot = self.picture.view, self.scale.dot
+        plan, outlines = view.plan, [(zone.outline_m, "red") for zone in view.zones]
         outlines += [(plan.fence.polygon_m, "red dim")] if plan.fence else []
         for outline, name in outlines:
             for a, b in zip(outline, (*outline[1:], *outline[:1]), strict=True):

@@ -21,6 +21,7 @@ from swarm_ctl.core.model.plan import Fence, Plan, Point
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.hold import HoldStep
 from swarm_ctl.core.model.steps.move import MoveStep
+from swarm_ctl.core.swarm.gain_update import ASKS
 from tests.unit.core.builders import (
     FORM,
     FORMING,
@@ -117,13 +118,13 @@ def test_resume_takes_a_vehicle_again_that_is_given_back() -> None:
     """And no other command does."""
     given_back = replace(situation(Phase.YIELD), not_given_back="")
     assert answer(command("resume"), given_back).accepted
-    others = set(KINDS) - {CommandKind.RESUME, CommandKind.KILL, CommandKind.TUNE, *ABOUT}
+    others = set(KINDS) - {CommandKind.RESUME, CommandKind.KILL, *ASKS, *ABOUT}
     assert not any(answer(command(kind), given_back).accepted for kind in others)
 
 
 def test_the_table_has_every_command_and_phase() -> None:
     told = {kind for kind, *_ in _LINES}
-    assert told == set(KINDS) - {CommandKind.TUNE}  # test_gain_update.py
+    assert told == set(KINDS) - {*ASKS}  # test_gain_update.py
     assert {phase.name.lower() for phase in Phase} == set(_HEAD) - {"held"}
 
 
