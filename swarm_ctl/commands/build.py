@@ -290,6 +290,8 @@ def _tune(order: Order, swarm: SwarmNow) -> tuple[tuple[int, ...], Tuning]:
             f"tune: {what}; name all of {', '.join(sorted(names))}, or say `tune plan`"
         )
     gains, zones = next(iter(laws), planned(plan)), swarm.zones
+    if order.arguments == ("list",):
+        raise InputError(f"zones: {', '.join(zone.name for zone in zones) or 'none'}")
     if order.kind == CommandKind.ZONE:
         zones = rezoned(order.arguments, zones, plan)
     else:

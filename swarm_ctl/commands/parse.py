@@ -186,6 +186,8 @@ def rezoned(
     Raises:
         InputError: it is none, or there is one, or none, of that name.
     """
+    if not known and [*words] == ["list"]:
+        return zones
     verb, name, *rest = (*words, "", "")[: max(2, len(words))]
     names = [zone.name for zone in zones]
     if verb == "lift" and name and not rest:
@@ -226,7 +228,7 @@ def rezoned(
 def zone_words(named: Sequence[str], plan: Plan) -> list[str]:
     """The words that may follow."""
     if not named:
-        return ["add ", "lift "]
+        return ["add ", "lift ", "list"]
     if named[0] == "lift" and len(named) == 1:
         return [zone.name for zone in plan.zones]
     return ["circle ", "polygon "] if named[0] == "add" and len(named) == 2 else []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,8 +16,12 @@ from swarm_ctl.cli.shared.options import (
     switch,
     zenoh_settings,
 )
+from swarm_ctl.core.model.messages import CommandKind
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.errors import InputError
+
+if TYPE_CHECKING:
+    from swarm_ctl.core.model.plan import Zone
 
 
 def send(
@@ -66,6 +70,10 @@ def send(
                          of the origin
     tune NAME=VALUE ...  set h, kappa, delta_a or delta_l of the law, in all
                          agents or in none; `tune plan`: as in the mission
+    zone add NAME ...    a zone that no vehicle enters: `circle N E R`, or
+                         `polygon N E N E N E ...` [m]; in all agents or none
+    zone lift NAME       it is none any more
+    zone list            the zones in force
     land                 land in place
     return               fly home, all at once, and land
     kill                 stop the motors at once: the vehicles fall
@@ -86,6 +94,7 @@ def send(
         swarm-ctl send form vee
         swarm-ctl send move -20 35.5 --speed 2
         swarm-ctl send tune h=0.04 kappa=15
+        swarm-ctl send zone add pond circle 30 -5 8
         swarm-ctl send land --run hexagon --agents 3
     """
     from swarm_ctl.commands.answers import answers as answered
@@ -113,6 +122,9 @@ def send(
         typer.confirm(f"{what} and the vehicle falls. Really?", abort=True)
     own = zenoh_settings(zenoh_config, guarded=manifest.guarded) if zenoh_config else None
     with RunClient(folder, identity=identity, zenoh=own) as client:
+        if order.kind == CommandKind.ZONE and order.arguments == ("list",):
+            _list_zones(client.zones(), console)
+            return
         answers = client.order(order)
         left = client.left()
     console.say(f"{order.text}, {plan.name} ({folder}):")
@@ -125,3 +137,18 @@ def send(
     if answers.failed:
         console.say(f"nothing changes: {answers.failed}", style="bold red")
     raise typer.Exit(0 if answers.accepted else 1)
+
+
+def _list_zones(zones: tuple[Zone, ...], console: PlainConsole) -> None:
+    """One a line."""
+    for zone in zones:
+        (north, east), corners = zone.corners_m[0], len(zone.corners_m)
+        shape = f"circle of {zone.radius_m:g} m at" if corners == 1 else f"{corners} corners from"
+        low = "the ground" if zone.floor_m is None else f"{zone.floor_m:g} m"
+        high = "any height" if zone.ceiling_m is None else f"{zone.ceiling_m:g} m"
+        place = f"{north:.1f} m north, {east:.1f} m east"
+        console.say(
+            f"{zone.name}: {shape} {place}, {low} to {high}, clear of {zone.clearance_m:g} m"
+        )
+    if not zones:
+        console.say("no zones")

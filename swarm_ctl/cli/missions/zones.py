@@ -1,29 +1,34 @@
-"""`swarm-ctl zones`: a mission's zones and fence for other programs."""
+"""`swarm-ctl zones`: a mission's zones and fence for other programs, and for vehicles."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.extras import require
-from swarm_ctl.cli.shared.options import MissionFile
+from swarm_ctl.cli.shared.options import MissionFile, option
 from swarm_ctl.cli.shared.writable import require_writable
 from swarm_ctl.errors import InputError
+
+if TYPE_CHECKING:
+    from swarm_ctl.mavlink.fence_items import FenceItem
 
 zones = typer.Typer(name="zones", no_args_is_help=True, rich_markup_mode=None)
 
 
 @zones.callback()
 def top() -> None:
-    """Write a mission's zones and fence for other programs.
+    """Bring a mission's zones to other programs and vehicles.
 
     Example:
 
     \b
         swarm-ctl zones write missions/wood.yaml wood.geojson
+        swarm-ctl zones push missions/wood.yaml --fleet outdoors.yaml
     """
 
 
@@ -58,3 +63,76 @@ def write(
     write_whole(out, written(areas, kind, plan.origin))
     lost = kind == ".plan" and any(zone.floor_m or zone.ceiling_m for zone in plan.zones)
     console.say(f"{out}: {len(plan.zones)} zones{', without their heights' if lost else ''}")
+
+
+_Fleet = Annotated[Path | None, option("FILE", "A fleet file, or a mission.")]
+
+
+@zones.command()
+def push(mission: MissionFile, fleet: _Fleet = None) -> None:
+    """Send a mission's fence and zones to the vehicles, as their own fence.
+
+    It is the last line: whether and how an autopilot acts on it is set there (FENCE_ENABLE,
+    FENCE_TYPE, FENCE_ACTION; GF_ACTION). Vehicles must be disarmed. Zones with a floor or a ceiling
+    are left out, as an autopilot's fence has no heights. What a vehicle then has is read back.
+
+    Exit codes: 0 all have it, 1 a vehicle does not, 2 bad input, 3 no link.
+
+    Example:
+
+    \b
+        swarm-ctl zones push missions/wood.yaml --fleet outdoors.yaml
+    """
+    require("ground", "swarm-ctl zones push")
+    from swarm_ctl.mavlink.fence_items import items_of
+    from swarm_ctl.mission.compile.loader import load
+
+    items, left = items_of(load(mission, fleet=fleet).plan)
+    if left:
+        names = ", ".join(left)
+        PlainConsole().say(f"left out, because an autopilot's fence has no heights: {names}")
+    _with_each(fleet or mission, items)
+
+
+@zones.command()
+def clear(fleet: Annotated[Path, option("FILE", "A fleet file, or a mission.")]) -> None:
+    """Take the vehicles' own fences off. Vehicles must be disarmed.
+
+    Example:
+
+    \b
+        swarm-ctl zones clear --fleet outdoors.yaml
+    """
+    _with_each(fleet, ())
+
+
+@zones.command()
+def show(fleet: Annotated[Path, option("FILE", "A fleet file, or a mission.")]) -> None:
+    """Show the fences that the vehicles have.
+
+    Example:
+
+    \b
+        swarm-ctl zones show --fleet outdoors.yaml
+    """
+    _with_each(fleet, None)
+
+
+def _with_each(fleet: Path, items: Sequence[FenceItem] | None) -> None:
+    """Each vehicle of a fleet in turn."""
+    from swarm_ctl.cli.shared.trust_folder import fleet_of
+    from swarm_ctl.runtime.link_keys import LinkKeys
+    from swarm_ctl.runtime.vehicle_fence import transferred
+
+    found, console, troubled = fleet_of(fleet), PlainConsole(), False
+    absent = [str(entry.id) for entry in found.agents if entry.endpoint is None]
+    if absent:
+        raise InputError(
+            f"{fleet}: agent {', '.join(absent)} has no endpoint: `run` starts its vehicle;"
+            " allowed: a fleet whose agents name the endpoints of their vehicles"
+        )
+    for entry in found.agents:
+        report = transferred(entry.endpoint or "", entry.sysid, items, entry.id, LinkKeys.of(found))
+        console.say(f"vehicle {entry.sysid}: {report.trouble or report.words}")
+        troubled = troubled or bool(report.trouble)
+    raise typer.Exit(1 if troubled else 0)

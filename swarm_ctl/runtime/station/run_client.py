@@ -10,6 +10,7 @@ from swarm_ctl.commands.build import SwarmNow
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.model.messages import AgentState, AgentStatus, CommandKind
+from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.swarm.gain_update import ASKS
 from swarm_ctl.errors import StartError
 from swarm_ctl.mesh.zenoh_config import part_in
@@ -144,6 +145,11 @@ class RunClient:
         meant = {*self._now().meant(order), *sent.acks}
         sent.meant = tuple(agent for agent in sent.meant if agent in meant)
         return sent
+
+    def zones(self) -> tuple[Zone, ...]:
+        """Those in force, by what the agents tell. StartError where none is heard."""
+        self._wait_for_agents(Order(CommandKind.ZONE))
+        return self._station.view().zones
 
     def _wait_for_agents(self, order: Order) -> None:
         """A command that is made of where the agents are, or of their law, waits for all of them;

@@ -61,6 +61,7 @@ def test_the_gains_keep_the_zones() -> None:
         ("zone add pond circle 1e9 2 3", "a number is out of range"),
         ("zone add box polygon 0 0 9 9 9 0 0 9", "zone box is no area"),
         ("zone add oak circle 1 2 3", "there is a zone oak"),
+        ("zone list", "zones: oak"),
         ("zone lift elm", "there is no zone elm; allowed: oak"),
         ("zone lift oak @2", "zone is for the whole swarm"),
     ],
@@ -80,6 +81,6 @@ def test_agents_that_differ_or_are_not_heard_stop_it() -> None:
 
 
 def test_words_are_completed() -> None:
-    assert complete("zone ", PLAN) == ["zone add ", "zone lift "]
+    assert complete("zone ", PLAN) == ["zone add ", "zone lift ", "zone list"]
     assert complete("zone lift ", PLAN) == ["zone lift oak"]
     assert complete("zone add pond c", PLAN) == ["zone add pond circle "]
