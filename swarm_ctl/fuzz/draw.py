@@ -118,6 +118,7 @@ def _scenario(dice: Dice, wanted: Coverage, name: str, of: Data | None) -> Data:
     if of is None:
         mission = _mission(dice, wanted, fair=fair)
         _fence(mission, dice, fair=fair)
+        _zones(mission, dice)
     else:
         mission = dict(of)
     scenario: Data = {"version": 1, "name": name, "mission": mission, "seed": dice.whole(0, 10**6)}
@@ -227,6 +228,11 @@ def _order(dice: Dice, kind: str, ids: list[int], shapes: list[str]) -> str:
             return f"move {north:g} {east:g}"
         case "tune":
             return dice.pick(("tune h=0.1", "tune h=0.15 delta_a=0.2", "tune plan"))
+        case "zone":
+            if dice.chance(0.3):
+                return "zone lift drawn"
+            north, east = dice.signed(1, 15, 0), dice.signed(1, 15, 0)
+            return f"zone add drawn circle {north:g} {east:g} {dice.number(0.5, 4.0, 1):g}"
         case "expel" | "readmit":
             return f"{kind} {dice.pick(ids)}"
         case "next":
@@ -552,6 +558,41 @@ def _fence(mission: Data, dice: Dice, *, fair: bool) -> None:
         above_m = dice.number(6, 20, 0) if fair or dice.chance(0.6) else dice.number(1, 5, 1)
         fence["height_m"] = round(top_m + above_m, 1)
     mission["fence"] = fence
+
+
+def _zones(mission: Data, dice: Dice) -> None:
+    """Draw zones between the places that the plan goes to: trees, huts, and walls that lines to
+    places and ways of a `move` meet."""
+    if dice.chance(0.7):
+        return
+    plan = loads(yaml_file.write(mission)).plan
+    places_m = [place for at in plan.formations() for place in at.places_m()]
+    norths, easts = zip(*places_m, strict=True)
+    metre = 1.0 if mission.get("lengths") == "metres" else 1.0 / plan.unit_m
+    away_m = 0.5 * plan.law.r_in * plan.unit_m + 1.0
+    zones: Data = {}
+    for k in range(dice.whole(1, 4)):
+        north = dice.number(min(norths) - 5, max(norths) + 5, 1)
+        east = dice.number(min(easts) - 5, max(easts) + 5, 1)
+        size_m = dice.number(0.3, 3.0, 1)
+        wide_m = size_m * dice.number(1.0, 4.0, 1)
+        near_m = min(math.dist((north, east), place) for place in places_m)
+        if near_m < away_m + 1.5 * wide_m:
+            continue
+        zone: Data = {"circle": [round(north * metre, 3), round(east * metre, 3)]}
+        if dice.chance(0.5):
+            corners = ((-size_m, -wide_m), (-size_m, wide_m), (size_m, wide_m), (size_m, -wide_m))
+            polygon = [
+                [round((north + n) * metre, 3), round((east + e) * metre, 3)] for n, e in corners
+            ]
+            zone = {"polygon": polygon}
+        else:
+            zone["radius"] = round(size_m * metre, 3)
+        if dice.chance(0.3):
+            zone["ceiling_m"] = dice.number(1.0, 20.0, 1)
+        zones[f"zone-{k + 1}"] = zone
+    if zones:
+        mission["zones"] = zones
 
 
 def _in_metres(mission: Data) -> Data:

@@ -70,6 +70,7 @@ class Invariant(StrEnum):
     DOWN = "all are down and disarmed in the end"
     APART = "no pair is under r_in"
     FENCED = "nobody is out of the fence without its policy acting"
+    ZONED = "no vehicle is in a zone"
     ORDERED = "nothing moves that was not ordered"
     TOGETHER = "no agent goes on before the others are done"
     OBEYS = "an order that was accepted is carried out"
@@ -409,6 +410,24 @@ def _fenced(seen: _Seen) -> Iterator[str]:
                     f" from {out_s:.1f} s on, and did nothing"
                 )
                 break
+
+
+def _zoned(seen: _Seen) -> Iterator[str]:
+    """By truth, and although its clearance is for errors of its own estimate."""
+    truth = seen.truth
+    for agent in set(seen.ids) - seen.elsewhen:
+        until_s = min(seen.taken[agent], seen.first(agent, "kill", "stop"))
+        counts = seen.airborne(agent) & (truth.time_s < until_s)
+        track = seen.track(agent)
+        for zone in seen.plan.zones if seen.plan.safety.filter else ():
+            low, high = zone.floor_m or -math.inf, zone.ceiling_m or math.inf
+            there = counts & (-track[:, 2] > low) & (-track[:, 2] < high)
+            for k in np.flatnonzero(there).tolist():
+                n, e, d = track[k].tolist()
+                if zone.contains((n, e)):
+                    at = f"({n:.1f}, {e:.1f}), {-d:.1f} m high"
+                    yield f"agent {agent} was in zone {zone.name} at {at}, {truth.time_s[k]:.1f} s"
+                    break
 
 
 def _acts(seen: _Seen, agent: int, at_s: float) -> bool:
@@ -831,6 +850,7 @@ CHECKS: Final[dict[Invariant, Callable[[_Seen], Iterator[str]]]] = {
     Invariant.DOWN: _down,
     Invariant.APART: _apart,
     Invariant.FENCED: _fenced,
+    Invariant.ZONED: _zoned,
     Invariant.ORDERED: _ordered,
     Invariant.TOGETHER: _together,
     Invariant.OBEYS: _obeys,

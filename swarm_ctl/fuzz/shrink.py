@@ -113,7 +113,7 @@ def _smaller_missions(mission: Data) -> Iterator[Data]:
         yield mission | {"steps": steps[:k] + steps[k + 1 :]}
     for key in [key for key in mission if key not in _OF_MISSION]:
         yield _less(mission, key)
-    for key in ("policies", "law", "simulation", "vehicle", "fence"):
+    for key in ("policies", "law", "simulation", "vehicle", "fence", "zones"):
         for name in mission.get(key, ()):
             yield mission | {key: _less(mission[key], name)}
     weather = mission.get("simulation", {}).get("parameters", ())

@@ -30,6 +30,7 @@ from swarm_ctl.virtual.scenario_flight import FlownScenario, ScenarioFlight
 HERE: Final = Path(__file__).parent
 MISSIONS: Final = HERE.parents[1] / "missions"
 HASHES: Final = HERE / "hashes.json"
+_NOTHING: Final = (b',"zones":null', b',"opens_m":null')
 SUFFIX: Final = ".jsonl.gz"
 """Of a trace's file."""
 CUT_S: Final = {"thirtytwo": 30.0, "hundred": 8.0}
@@ -136,10 +137,10 @@ def _row(name: str, folder: Path | None) -> tuple[str, str]:
 
 
 def _without_hash(flight: ScenarioFlight) -> Callable[[str, bytes], None]:
-    """What hears the mesh for the flight's digest, but for the plan's hash: a plan may say more,
-    and be flown the same."""
+    """What hears the mesh for the flight's digest, but for the plan's hash, and fields that say
+    nothing: a plan, or a message, may have more, and be flown the same."""
     number, tap = flight.plan.hash(), flight.swarm.mesh.tap
-    told = (struct.pack("<Q", number), b"%d" % number, b"%016x" % number)
+    told = (struct.pack("<Q", number), b"%d" % number, b"%016x" % number, *_NOTHING)
 
     def hear(key: str, data: bytes) -> None:
         for each in told:

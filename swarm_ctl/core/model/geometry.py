@@ -26,6 +26,17 @@ def turned(slot: Point, angle_rad: float, scale: float) -> Point:
     return c * slot[0] - s * slot[1], s * slot[0] + c * slot[1]
 
 
+def within(polygon: Sequence[Point], point: Point) -> bool:
+    """The point lies in the polygon of at least three corners (even-odd rule; concave ones
+    too)."""
+    north, east = point
+    odd = False
+    for (n1, e1), (n2, e2) in zip(polygon, (*polygon[1:], polygon[0]), strict=True):
+        if (e1 > east) != (e2 > east) and north < n1 + (east - e1) / (e2 - e1) * (n2 - n1):
+            odd = not odd
+    return odd
+
+
 def area(polygon: Sequence[Point]) -> float:
     """Enclosed by the corners in order (the shoelace formula), in the square of their unit."""
     pairs = zip(polygon, (*polygon[1:], polygon[0]), strict=True)

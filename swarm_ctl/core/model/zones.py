@@ -8,7 +8,7 @@ from typing import Annotated, Final
 
 from annotated_types import Ge, MinLen
 
-from swarm_ctl.core.model.geometry import Point
+from swarm_ctl.core.model.geometry import Point, within
 
 HEIGHT_ROOM_M: Final = 1.5
 """A zone counts from so far under its floor to so far over its ceiling: a height loop's error, and
@@ -42,6 +42,12 @@ class Zone:
         turns = [2.0 * math.pi * k / _DRAWN for k in range(_DRAWN)]
         r = self.radius_m
         return tuple((north + r * math.cos(a), east + r * math.sin(a)) for a in turns)
+
+    def contains(self, point: Point) -> bool:
+        """It is there, whatever its height."""
+        if len(self.corners_m) == 1:
+            return math.dist(point, self.corners_m[0]) < self.radius_m
+        return within(self.corners_m, point)
 
     def blocks(self, low_m: float, high_m: float) -> bool:
         """Whether it is in the way of what flies between these heights, give or take

@@ -5,22 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from swarm_ctl.core.model.geometry import area as area
-from swarm_ctl.core.model.geometry import cross
+from swarm_ctl.core.model.geometry import cross, within
 from swarm_ctl.core.model.geometry import crossing_edges as crossing_edges
 from swarm_ctl.core.model.plan import Fence, Point
 
 
 def inside(polygon: Sequence[Point], point: Point) -> bool:
-    """The point lies in the polygon (even-odd rule; concave ones too). True for one of fewer than
-    three corners."""
-    if len(polygon) < 3:
-        return True
-    north, east = point
-    odd = False
-    for (n1, e1), (n2, e2) in zip(polygon, (*polygon[1:], polygon[0]), strict=True):
-        if (e1 > east) != (e2 > east) and north < n1 + (east - e1) / (e2 - e1) * (n2 - n1):
-            odd = not odd
-    return odd
+    """The point lies in the polygon. True for one of fewer than three corners."""
+    return len(polygon) < 3 or within(polygon, point)
 
 
 def leaves(polygon: Sequence[Point], a: Point, b: Point) -> bool:
