@@ -10,7 +10,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -28,6 +28,8 @@ _ROUND: Final = 12
 _LONGER: Final = 1.45
 """Two nodes beside a corner become one where the way there is not much longer: a right angle's."""
 _CORNER_M: Final = 10.0
+_FIRST: Final = 20
+"""A look from a node for the first time is so much more work than a later one."""
 
 
 class WayMap:
@@ -54,9 +56,10 @@ class WayMap:
         self._first = np.concatenate(ends)
         self._last = np.concatenate([np.roll(each, -1) for each in ends])
         self._reach = np.array([reach for each, reach in walls for _ in each])
+        self._owner = [k for k, (each, _) in enumerate(walls) for _ in each]
         nodes = np.concatenate([_around(*wall, beside_m) for wall in walls] or [_NO_POINTS])
         self._nodes = nodes[self.free(nodes)] if len(nodes) else nodes
-        self._seen: dict[int, tuple[NDArray[np.intp], Floats]] = {}
+        self._seen: dict[int, list[tuple[int, float]]] = {}
 
     def free(self, points: Points) -> Bools:
         """(k,): inside the fence, outside of all zones, and far enough from both."""
@@ -79,18 +82,30 @@ class WayMap:
     def shortest(self, start: Point, goal: Point) -> list[Point] | None:
         """The corners of the shortest way, both ends included; None where there is none. An end
         that is not free itself is left, or come to, by a straight line."""
+        search = self.search(start, goal)
+        while True:
+            try:
+                next(search)
+            except StopIteration as end:
+                found: list[Point] | None = end.value
+                return found
+
+    def search(self, start: Point, goal: Point) -> Generator[None, None, list[Point] | None]:
+        """`shortest`, with a halt after about as much work as it is to look from one node for all
+        others for the first time."""
         a, b = complex(*start), complex(*goal)
         if self._clear(a, b):
             return [start, goal]
         nodes, end = self._nodes, len(self._nodes)
         first = self._open(a, nodes)
         last = self._open(b, nodes)
-        to_goal = np.abs(nodes - b)
-        best = {int(k): abs(nodes[k] - a) for k in np.flatnonzero(first)}
+        yield
+        to_goal = np.abs(nodes - b).tolist()
+        best = {int(k): abs(complex(nodes[k]) - a) for k in np.flatnonzero(first)}
         before: dict[int, int] = dict.fromkeys(best, -1)
         heap = [(length + to_goal[k], k) for k, length in best.items()]
         heapq.heapify(heap)
-        done = set[int]()
+        done, work = set[int](), 0
         while heap:
             _, k = heapq.heappop(heap)
             if k in done:
@@ -98,12 +113,16 @@ class WayMap:
             done.add(k)
             if k == end:
                 return self._straightened([start, *self._corners(before, k), goal])
-            further, lengths = self._from(k)
-            steps = list(zip(further.tolist(), lengths.tolist(), strict=True))
+            work += 1 if k in self._seen else _FIRST
+            if work >= _FIRST:
+                work = 0
+                yield
+            steps = self._from(k)
             if last[k]:
-                steps.append((end, float(to_goal[k])))
+                steps = [*steps, (end, to_goal[k])]
+            so_far = best[k]
             for j, step in steps:
-                length = best[k] + step
+                length = so_far + step
                 if length < best.get(j, math.inf) - 1e-9:
                     best[j], before[j] = length, k
                     heapq.heappush(heap, (length + (to_goal[j] if j < end else 0.0), j))
@@ -133,12 +152,24 @@ class WayMap:
         """The straight line keeps off all walls."""
         return self._clear(complex(*start), complex(*goal))
 
-    def open_line(self, start: Point, goal: Point) -> bool:
-        """The straight line keeps off all walls, or comes no nearer to them than its ends are."""
-        return self._clear(complex(*start), complex(*goal)) or bool(
-            self._open(complex(*start), np.array([complex(*goal)]))[0]
-            and self._open(complex(*goal), np.array([complex(*start)]))[0]
-        )
+    def open_line(self, start: Point, goal: Point, spare_m: float = 0.0) -> bool:
+        """The straight line keeps off all walls but for `spare_m`, or comes no nearer to them than
+        its ends are."""
+        a, b = np.array([complex(*start)]), np.array([complex(*goal)])
+        first, last = self._first, self._last
+        least = np.minimum(_gaps(a, a, first, last)[0], _gaps(b, b, first, last)[0])
+        clear = _gaps(a, b, first, last)[0] > np.minimum(self._reach - spare_m, least) - 1e-9
+        return bool(clear.all())
+
+    def cut_by(self, start: Point, goal: Point) -> int | None:
+        """Which outline is the first on the straight line, by its index, that of the fence being
+        behind the last; None: none is."""
+        a, b = np.array([complex(*start)]), np.array([complex(*goal)])
+        cut = np.flatnonzero(_gaps(a, b, self._first, self._last)[0] <= self._reach)
+        if not len(cut):
+            return None
+        away = np.abs(0.5 * (self._first[cut] + self._last[cut]) - a)
+        return self._owner[int(cut[np.argmin(away)])]
 
     def _clear(self, a: complex, b: complex) -> bool:
         ends = np.array([a, b])
@@ -156,11 +187,13 @@ class WayMap:
         clear: Bools = np.all(gaps > np.minimum(self._reach, own) - 1e-9, axis=1)
         return clear
 
-    def _from(self, k: int) -> tuple[NDArray[np.intp], Floats]:
+    def _from(self, k: int) -> list[tuple[int, float]]:
+        """The nodes that a node sees, and how far each is."""
         if k not in self._seen:
-            nodes = self._nodes
-            further = np.flatnonzero(self.sees(complex(nodes[k]), nodes))
-            self._seen[k] = further, np.abs(nodes[further] - nodes[k])
+            nodes, at = self._nodes, complex(self._nodes[k])
+            further = np.flatnonzero(self.sees(at, nodes))
+            away = np.abs(nodes[further] - at)
+            self._seen[k] = list(zip(further.tolist(), away.tolist(), strict=True))
         return self._seen[k]
 
 

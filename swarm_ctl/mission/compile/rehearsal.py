@@ -33,6 +33,7 @@ from swarm_ctl.core.model.plan import Compensation, Plan
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.safety.own_way import OwnWay, wish_on
 from swarm_ctl.core.safety.surroundings import Surroundings
+from swarm_ctl.core.safety.ways import WayMap
 from swarm_ctl.own_laws import law_of
 
 
@@ -81,9 +82,9 @@ class Rehearsal:
         self._rows: list[Row] = []
         self._surroundings = Surroundings(plan.zones, plan.fence, plan.response, speed_mps, unit_m)
         self._height_m = height_m
-        self._ways = [
-            OwnWay(plan.zones, plan.fence, plan.response, speed_mps, plan.tick_s) for _ in self._ids
-        ]
+        maps: dict[tuple[int, ...], WayMap] = {}
+        about = plan.zones, plan.fence, plan.response, speed_mps, plan.tick_s, maps
+        self._ways = [OwnWay(*about) for _ in self._ids]
 
     @property
     def points(self) -> Floats:
