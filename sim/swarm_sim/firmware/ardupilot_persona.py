@@ -71,6 +71,10 @@ GCS_FAILSAFE: Mapping[int, FlightMode] = {
 """FS_GCS_ENABLE to mode; 0 is off. Smart RTL (3, 4) is not simulated: its second choice."""
 BATTERY_FAILSAFE: Mapping[int, FlightMode] = {1: LAND, 2: RTL, 3: RTL, 4: RTL}
 """BATT_FS_LOW_ACT to mode; 0 only warns."""
+FENCE_BREACH: Mapping[int, FlightMode] = {1: RTL, 2: LAND, 3: RTL, 4: BRAKE, 5: RTL}
+"""FENCE_ACTION to mode; 0 only tells."""
+POLYGONS = 4
+"""Of FENCE_TYPE: areas."""
 
 STREAM_GROUPS: Mapping[int, tuple[str, ...]] = {
     2: ("SYS_STATUS", "GPS_RAW_INT", "MISSION_CURRENT"),
@@ -361,6 +365,7 @@ class ArdupilotPersona(Firmware):
         self._check_gcs()
         self._check_estimate()
         self._check_setpoint()
+        self._check_fence()
         if self.sensed.landed:
             self._check_landed()
 
@@ -373,6 +378,16 @@ class ArdupilotPersona(Firmware):
             self.text(MavSeverity.WARNING, "GCS Failsafe")
             starting = isinstance(self.maneuver, TakeoffManeuver)
             self._fail(action, on_ground=self.sensed.landed and not starting)
+
+    def _check_fence(self) -> None:
+        """The areas that it was sent (FENCE_TYPE 4), by FENCE_ACTION."""
+        enabled, kinds = self.parameters["FENCE_ENABLE"], round(self.parameters["FENCE_TYPE"])
+        if enabled != 1.0 or not kinds & POLYGONS or not self.fence_breached():
+            return
+        self.text(MavSeverity.WARNING, "Polygon fence breached")
+        action = FENCE_BREACH.get(round(self.parameters["FENCE_ACTION"]))
+        if action is not None:
+            self._fail(action, on_ground=False)
 
     def _fail(self, action: FlightMode, *, on_ground: bool) -> None:
         if on_ground:

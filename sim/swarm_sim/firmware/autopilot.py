@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
 
 from swarm_sim.firmware.flying.battery import Battery
+from swarm_sim.firmware.flying.geofence import Geofence
 from swarm_sim.firmware.flying.maneuvers import (
     Demand,
     FlightStyle,
@@ -26,7 +27,7 @@ from swarm_sim.firmware.flying.maneuvers import (
     TakeoffManeuver,
     VelocityManeuver,
 )
-from swarm_sim.firmware.flying.mission_items import MissionItem, MissionLists
+from swarm_sim.firmware.flying.mission_items import FENCE, MissionItem, MissionLists
 from swarm_sim.firmware.flying.position_target import Axes, PositionTarget, moved
 from swarm_sim.firmware.gps_jump import GpsJump
 from swarm_sim.firmware.message import (
@@ -165,6 +166,10 @@ class SimAutopilot(ABC):
         self.ignored = 0
         """Messages for another vehicle, not known, or without sense."""
         self.missions = MissionLists()
+        self._fence: tuple[list[MissionItem], Geofence] | None = None
+        """What was sent, and what it forbids."""
+        self._beyond = False
+        """It is there."""
         self._ready_after_s = setup.ready_after_s
         self.start(setup.start, boot_s)
 
@@ -328,6 +333,22 @@ class SimAutopilot(ABC):
         if self.disarm_denied_text:
             self.text(MavSeverity.CRITICAL, self.disarm_denied_text)
         return self.refusal
+
+    def fence_breached(self) -> bool:
+        """The vehicle flies where the fence that it was sent forbids it; told once, until it is
+        back."""
+        items = self.missions.lists[FENCE]
+        if not items or not self.armed or self.sensed.landed:
+            self._beyond = False
+            return False
+        if self._fence is None or self._fence[0] is not items:
+            self._fence = items, Geofence(items, self._place)
+        before, north_east = self._beyond, self.sensed.position_ned_m[:2]
+        self._beyond = self._fence[1].breached(north_east)
+        return self._beyond and not before
+
+    def _place(self, item: MissionItem) -> tuple[float, float]:
+        return self.ned(item.x * 1e-7, item.y * 1e-7, 0.0, above_home=True)[:2]
 
     def set_disarmed(self, text: str) -> None:
         """Motors stop."""

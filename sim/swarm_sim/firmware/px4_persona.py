@@ -93,6 +93,8 @@ DATALINK_LOSS: Mapping[int, FlightMode] = {1: LOITER, 2: RTL, 3: LAND}
 """NAV_DLL_ACT to mode; 0 is off."""
 BATTERY_FAILSAFE: Mapping[int, FlightMode] = {2: LAND, 3: RTL}
 """COM_LOW_BAT_ACT to mode; 0 only warns."""
+FENCE_BREACH: Mapping[int, FlightMode] = {2: LOITER, 3: RTL, 5: LAND}
+"""GF_ACTION to mode; 0 and 1 only tell, 4 (the motors stop) is not simulated."""
 
 STREAM_GAP_S, STREAM_TIME_S = 0.5, 1.0
 """OFFBOARD wants setpoints at 2 Hz or faster for over a second."""
@@ -408,6 +410,7 @@ class Px4Persona(Firmware):
         self._flown = self._flown or not landed
         self._check_offboard()
         self._check_datalink()
+        self._check_fence()
         if not (self.ready() or landed or self.mode in (POSCTL, LAND)):
             self._fail(POSCTL)  # no position: descends
         mission = self.maneuver
@@ -432,6 +435,15 @@ class Px4Persona(Firmware):
         if action is None or heard is None or self.failsafe or self.mode in (action, LAND):
             return
         if self.now - heard > self.parameters["COM_DL_LOSS_T"]:
+            self._fail(action)
+
+    def _check_fence(self) -> None:
+        """The areas that it was sent, by GF_ACTION."""
+        if not self.fence_breached():
+            return
+        self.text(MavSeverity.WARNING, "Geofence violation")
+        action = FENCE_BREACH.get(round(self.parameters["GF_ACTION"]))
+        if action is not None and self.mode not in (action, LAND):
             self._fail(action)
 
     def _fail(self, mode: FlightMode) -> None:

@@ -1,6 +1,6 @@
 """Mission items, and the lists of them that a vehicle keeps. Pure.
 
-Fence and rally lists are kept and given back; nothing flies by them.
+Rally lists are kept and given back; nothing flies by them. Fences: `geofence.py`.
 """
 
 from __future__ import annotations
