@@ -243,7 +243,7 @@ def _order(dice: Dice, kind: str, ids: list[int], shapes: list[str]) -> str:
 def _fault(dice: Dice, name: str) -> Data:
     """A value of a vehicle's parameter with which something goes wrong."""
     value: float = {
-        "BATT_DRAIN": dice.pick((50.0, 400.0)),
+        "BATT_DRAIN": dice.pick((10.0, 25.0, 60.0, 400.0)),
         "DELAY": dice.number(0.05, 0.6),
         "GPS_ACC": dice.pick((1.2, 4.0)),
         "GPS_DRIFT": dice.number(0.2, 3.0, 1),

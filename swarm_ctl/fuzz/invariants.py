@@ -13,14 +13,12 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cached_property
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from swarm_ctl.core.agent.agent import STATUS_EVERY_S
-from swarm_ctl.core.kernel.constraints import margins_of
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Outcome, Phase, StepOutcome
 from swarm_ctl.core.model.plan import Policy
@@ -28,21 +26,12 @@ from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.vehicle import MISPLACED_M, OVER_M
 from swarm_ctl.core.safety.fence import inside
 from swarm_ctl.core.swarm.hearing import SMALL_SWARM
-from swarm_ctl.mission.checks import envelope
+from swarm_ctl.fuzz.seen import FREE_M, Seen
 from swarm_ctl.mission.compile.forecast import forecast
 from swarm_ctl.report.folder.truth import EventKind
 from swarm_ctl.report.judge.summary import StepVerdict
-from swarm_ctl.virtual.scenario import Happening
 from swarm_ctl.virtual.scenario_flight import FlownScenario, GivenOrder
 
-_FREE_M: Final = 4.0
-"""Starts this much over r_in apart leave room for take-offs and landings that autopilots fly."""
-_LATE_S: Final = 0.2
-_LOST: Final = 0.2
-"""States that are late or lost by up to this are inside the envelope."""
-_NOISE_M: Final = 0.5
-"""An estimate that is off by this much is weather, not a fault."""
-_WIND_MPS: Final = 6.0
 _OUT_M: Final = 2.0
 _OUT_S: Final = 2.0
 """Beyond the fence for longer and farther, a policy has to have acted."""
@@ -54,6 +43,12 @@ _BOUNCES_S: Final = 3.0
 """In gusts a vehicle may touch the ground again as it takes off."""
 _TOUCHES_MPS: Final = 0.3
 """A landing is no slower than this, in the mean."""
+_STANDS_MPS: Final = 1.0
+"""Who begins to land is slower than this, in still air ..."""
+_BRAKES_S: Final = 2.5
+"""... or has braked for so long by its words, which come at 2 Hz."""
+_BLIND_S: Final = 1.5
+"""Without a position for so long an agent says so."""
 _BATTERY_S: Final = 600.0
 """A full one lasts so long."""
 _FAIR: Final = 1.5
@@ -91,231 +86,17 @@ class Broken:
 
 def broken(flown: FlownScenario) -> list[Broken]:
     """All that did not hold in this flight. `RAISES` and `SAME` are for whoever flies it."""
-    seen = _Seen(flown)
+    seen = Seen(flown)
     return [Broken(invariant, text) for invariant, check in CHECKS.items() for text in check(seen)]
 
 
-class _Seen:
-    """A flight as the checks look at it."""
-
-    def __init__(self, flown: FlownScenario) -> None:
-        self.flown, self.plan, self.truth = flown, flown.mission.plan, flown.truth
-        self.happens = flown.scenario.happens
-        self.ids = [agent.id for agent in self.plan.agents]
-        sysid = {entry.id: entry.sysid for entry in flown.mission.fleet.agents}
-        column = {s: k for k, s in enumerate(self.truth.sysids)}
-        self.column = {agent: column[sysid[agent]] for agent in self.ids}
-        self.agent_of = {sysid[agent]: agent for agent in self.ids}
-        self.unit_m = self.plan.unit_m
-        self.r_in_m = self.plan.law.r_in * self.unit_m
-
-    def events(self, agent: int, kind: EventKind) -> list[float]:
-        """When it happened to this agent's vehicle."""
-        return [
-            event.time_s
-            for event in self.truth.events
-            if event.event == kind and self.agent_of.get(event.sysid) == agent
-        ]
-
-    def track(self, agent: int) -> npt.NDArray[np.float64]:
-        """(T, 3), north, east and down [m]."""
-        found: npt.NDArray[np.float64] = self.truth.position_ned_m[:, self.column[agent]]
-        return found
-
-    def airborne(self, agent: int) -> npt.NDArray[np.bool_]:
-        """(T,)"""
-        found: npt.NDArray[np.bool_] = self.truth.airborne[:, self.column[agent]]
-        return found
-
-    @cached_property
-    def statuses(self) -> dict[int, list[AgentStatus]]:
-        """By agent, in the order of time."""
-        found: dict[int, list[AgentStatus]] = {agent: [] for agent in self.ids}
-        for status in self.flown.statuses:
-            found[status.agent].append(status)
-        return found
-
-    @cached_property
-    def parameters(self) -> dict[str, float]:
-        """Of all vehicles, from the start."""
-        return self.flown.mission.file.simulation.parameters.given()
-
-    @cached_property
-    def faults(self) -> list[tuple[float, float, tuple[int, ...], dict[str, float], str]]:
-        """From, to, of whom, which parameters, which pilot's mode."""
-        found: list[tuple[float, float, tuple[int, ...], dict[str, float], str]] = []
-        for entry in self.flown.mission.file.simulation.faults:
-            until_s = math.inf if entry.for_s is None else entry.at_s + entry.for_s
-            agents = entry.agents or tuple(self.ids)
-            found.append((entry.at_s, until_s, agents, entry.set.given(), entry.pilot or ""))
-        return found
-
-    @cached_property
-    def from_start(self) -> bool:
-        """The times of the vehicles' faults count from the start."""
-        return self.flown.mission.file.simulation.since == "start"
-
-    def of(self, *kinds: str) -> list[Happening]:
-        """The happenings of these kinds, in the order of time."""
-        return sorted(
-            (each for each in self.happens if each.kind in kinds), key=lambda each: each.at_s
-        )
-
-    def first(self, agent: int, *kinds: str) -> float:
-        """When such a thing first befell this agent [s]; inf: never."""
-        times = []
-        for each in self.of(*kinds):
-            named = {
-                "kill": each.kill,
-                "stop": each.stop,
-                "restart": each.restart,
-                "pilot": each.pilot and each.pilot.agents,
-                "says": each.says and each.says.agents,
-                "clock": each.clock and each.clock.agents,
-                "vehicle": each.vehicle and each.vehicle.agents,
-            }[each.kind]
-            if agent in (named or ()):
-                times.append(each.at_s)
-        return min(times, default=math.inf)
-
-    @cached_property
-    def taken(self) -> dict[int, float]:
-        """From when on an agent's vehicle is in a pilot's hands, or in those of a fault that makes
-        it fall, blind or deaf: inf for most."""
-        found = dict.fromkeys(self.ids, math.inf)
-        for from_s, _, agents, values, pilot in self.faults:
-            grave = pilot or any(_grave(name, value) for name, value in values.items())
-            for agent in agents if grave else ():
-                found[agent] = min(found[agent], from_s if self.from_start else 0.0)
-        for agent in self.ids if any(_grave(*each) for each in self.parameters.items()) else ():
-            found[agent] = 0.0
-        return found
-
-    @cached_property
-    def lies(self) -> dict[int, float]:
-        """From when on an agent tells what is not so."""
-        return {agent: self.first(agent, "says") for agent in self.ids}
-
-    @cached_property
-    def elsewhen(self) -> set[int]:
-        """Agents whose clock is not the swarm's: what they say happened at other times."""
-        own = {agent for each in self.flown.scenario.clocks for agent in each.agents}
-        jumps = (each.clock.agents for each in self.happens if each.clock is not None)
-        return own.union(*jumps)
-
-    @cached_property
-    def good_mesh(self) -> bool:
-        """States come as the envelope has them."""
-        mesh = self.flown.scenario.mesh
-        return mesh.loss <= _LOST and mesh.delay_s + mesh.jitter_s <= _LATE_S
-
-    @cached_property
-    def wind_mps(self) -> float:
-        """The most that it is set to anywhere, gusts of three deviations included."""
-        sets = [self.parameters, *(values for _, _, _, values, _ in self.faults)]
-        speed = max(values.get("SIM_WIND_SPD", 0.0) for values in sets)
-        return speed + 3.0 * max(values.get("SIM_WIND_GUST", 0.0) for values in sets)
-
-    @cached_property
-    def enveloped(self) -> bool:
-        """The mission is inside the envelope (a tick of up to 0.1 s is let through), and so is the
-        weather."""
-        found = [finding for finding in envelope.outside(self.plan) if finding.place != ("tick_s",)]
-        return not found and self.plan.safety.filter and self.wind_mps <= _WIND_MPS
-
-    @cached_property
-    def misjudged_m(self) -> float:
-        """By how much [m] drawn GPS noise and drift may bring a pair under r_in: four deviations of
-        two positions, less what keep-out spares."""
-        sets = [self.parameters, *(values for _, _, _, values, _ in self.faults)]
-        worst = (
-            max(values.get(name, 0.0) for values in sets)
-            for name in ("SIM_GPS_NOISE", "SIM_GPS_DRIFT")
-        )
-        noise_m = math.hypot(*worst)
-        plan = self.plan
-        margins = margins_of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m)
-        return max(0.0, 4.0 * math.sqrt(2.0) * noise_m - (margins.keep_out - self.r_in_m))
-
-    @cached_property
-    def apart_at_start(self) -> float:
-        """The smallest distance of two starts [m]."""
-        starts = [agent.start for agent in self.plan.agents]
-        pairs = itertools.combinations(starts, 2)
-        return min((math.dist(a, b) * self.unit_m for a, b in pairs), default=math.inf)
-
-    @cached_property
-    def fair(self) -> bool:
-        """Nothing happens, and nothing blows."""
-        scenario, fleet = self.flown.scenario, self.flown.mission.fleet.agents
-        return (
-            not (self.happens or self.parameters or self.faults or scenario.clocks)
-            and not envelope.outside(self.plan)
-            and not scenario.mesh.model_dump(exclude_defaults=True)
-            and all(entry.simulated_response is None for entry in fleet)
-            and self.enveloped
-            and self.apart_at_start >= self.r_in_m + _FREE_M
-        )
-
-    def orders(self, agent: int, *kinds: CommandKind) -> list[GivenOrder]:
-        """Those that this agent accepted; all kinds if none is named."""
-        return [
-            order
-            for order in self.flown.orders
-            if order.sent is not None
-            and (ack := order.sent.acks.get(agent)) is not None
-            and ack.accepted
-            and (not kinds or order.sent.command.kind in kinds)
-        ]
-
-    def step_start(self, k: int) -> float:
-        """When the first agent began step k [s]; inf: none did."""
-        starts = [
-            status.steps[k].start_s
-            for agent, said in self.statuses.items()
-            for status in said[-1:]
-            if len(status.steps) > k and agent not in self.elsewhen
-        ]
-        return min(starts, default=math.inf)
-
-    def timed_out(self, k: int) -> bool:
-        """Step k took all the time that it may: with `continue` all go on."""
-        if k == 0:
-            return False
-        begun_s, ended_s = self.step_start(k), self.step_start(k + 1)
-        return ended_s - begun_s >= self.plan.steps[k - 1].timeout_s - 0.5
-
-    @cached_property
-    def home_s(self) -> float:
-        """When the plan's own landing began [s]; inf: it did not."""
-        steps = enumerate(self.plan.steps, 1)
-        home = (k for k, step in steps if step.goes_down)
-        return min(map(self.step_start, home), default=math.inf)
-
-
-def _grave(name: str, value: float) -> bool:
-    """A parameter with which a vehicle is no longer where it says, or no longer does as told."""
-    if name.startswith("SIM_WIND") or name in ("SIM_GPS_ACC", "SIM_GPS_SATS", "SIM_BATT_DRAIN"):
-        return False
-    if name in ("SIM_GPS_NOISE", "SIM_GPS_DRIFT", "SIM_VEL_NOISE"):
-        return value > _NOISE_M
-    if name == "SIM_DELAY":
-        return value > 0.05
-    if name == "SIM_LOSS":
-        return value > 5.0
-    return value != 0.0
-
-
-# --- the checks ---
-
-
-def _ends(seen: _Seen) -> Iterator[str]:
+def _ends(seen: Seen) -> Iterator[str]:
     up = [agent for agent in seen.flown.up if not math.isfinite(seen.taken[agent])]
     if up:
         yield f"{agents_named(up)} had not ended by {seen.flown.bound_s:.0f} s"
 
 
-def _down(seen: _Seen) -> Iterator[str]:
+def _down(seen: Seen) -> Iterator[str]:
     truth = seen.truth
     if not len(truth.time_s):
         yield "there is no truth of it"
@@ -338,10 +119,10 @@ def _down(seen: _Seen) -> Iterator[str]:
                 yield f"agent {agent} was done with `{step.name}` at {step.end_s:.1f} s, in the air"
 
 
-def _apart(seen: _Seen) -> Iterator[str]:
+def _apart(seen: Seen) -> Iterator[str]:
     if not (seen.enveloped and seen.good_mesh):
         return
-    close = seen.apart_at_start < seen.r_in_m + _FREE_M
+    close = seen.apart_at_start < seen.r_in_m + FREE_M
     for a, b in itertools.combinations(seen.ids, 2):
         until_s = min(seen.taken[a], seen.taken[b], seen.lies[a], seen.lies[b])
         found = _closest(seen, a, b, until_s, autopilots=not close)
@@ -354,7 +135,7 @@ def _apart(seen: _Seen) -> Iterator[str]:
 
 
 def _closest(
-    seen: _Seen, a: int, b: int, until_s: float, *, autopilots: bool
+    seen: Seen, a: int, b: int, until_s: float, *, autopilots: bool
 ) -> tuple[float, float] | None:
     """Of a pair before `until_s`: how close [m] and when. Both in the air; and with `autopilots`
     also where one stands, up to `OVER_M` below. Without, only where agents fly both."""
@@ -374,7 +155,7 @@ def _closest(
     return float(gap[at]), float(truth.time_s[at])
 
 
-def _flown_by_agents(seen: _Seen, agent: int) -> npt.NDArray[np.bool_]:
+def _flown_by_agents(seen: Seen, agent: int) -> npt.NDArray[np.bool_]:
     """(T,): while its vehicle follows setpoints, by its phases."""
     time_s, found = seen.truth.time_s, np.zeros(len(seen.truth.time_s), dtype=np.bool_)
     said = seen.statuses[agent]
@@ -384,7 +165,7 @@ def _flown_by_agents(seen: _Seen, agent: int) -> npt.NDArray[np.bool_]:
     return found
 
 
-def _fenced(seen: _Seen) -> Iterator[str]:
+def _fenced(seen: Seen) -> Iterator[str]:
     fence, truth = seen.plan.fence, seen.truth
     if fence is None or seen.plan.policies.fence is Policy.CONTINUE:
         return
@@ -412,7 +193,7 @@ def _fenced(seen: _Seen) -> Iterator[str]:
                 break
 
 
-def _zoned(seen: _Seen) -> Iterator[str]:
+def _zoned(seen: Seen) -> Iterator[str]:
     """By truth, and although its clearance is for errors of its own estimate."""
     truth = seen.truth
     for agent in set(seen.ids) - seen.elsewhen:
@@ -430,7 +211,7 @@ def _zoned(seen: _Seen) -> Iterator[str]:
                     break
 
 
-def _acts(seen: _Seen, agent: int, at_s: float) -> bool:
+def _acts(seen: Seen, agent: int, at_s: float) -> bool:
     """Whether the agent did something else than its mission by then, or had ended."""
     for status in seen.statuses[agent]:
         if status.time_s <= at_s + _ACTS_S and status.action is not None:
@@ -441,7 +222,7 @@ def _acts(seen: _Seen, agent: int, at_s: float) -> bool:
     return not last or last[0].phase is Phase.ENDED
 
 
-def _ordered(seen: _Seen) -> Iterator[str]:
+def _ordered(seen: Seen) -> Iterator[str]:
     truth, plan = seen.truth, seen.plan
     up = next((k for k, step in enumerate(plan.steps, 1) if step.climbs_to_m is not None), 1)
     flies_s = seen.step_start(up + 1)
@@ -463,6 +244,7 @@ def _ordered(seen: _Seen) -> Iterator[str]:
             if len(moved) and moved.max() > _MOVES_M:
                 at = float(truth.time_s[run][int(moved.argmax())])
                 yield f"agent {agent} moved by {moved.max():.1f} m on the ground by {at:.1f} s"
+        yield from _lands_in_flight(seen, agent)
         for order in seen.orders(agent, CommandKind.LAND):
             moved_m = _way_down(seen, agent, order.at_s)
             if moved_m > _may_slide(seen):
@@ -479,14 +261,38 @@ def _runs(stands: npt.NDArray[np.bool_]) -> Iterator[slice]:
         yield slice(begin, end)
 
 
-def _may_slide(seen: _Seen) -> float:
+def _lands_in_flight(seen: Seen, agent: int) -> Iterator[str]:
+    """Who lands stands first, or has braked for as long as an agent waits for that."""
+    if agent in seen.elsewhen:
+        return
+    said, speed_mps = seen.statuses[agent], seen.speed_mps(agent)
+    until_s = min(seen.taken[agent], seen.lies[agent], seen.first(agent, "kill", "stop"))
+    most_mps = _STANDS_MPS + 0.3 * seen.wind_mps + seen.misjudged_m
+    flew_s = -math.inf  # when it last went where its mission, or its way home, told it
+    for before, status in itertools.pairwise(said):
+        if before.phase in (Phase.FLY, Phase.RETURN):
+            flew_s = before.time_s
+        begins = status.phase is Phase.LAND and before.phase in _FLIES
+        kills = status.action is FailsafeAction.KILL or status.time_s - before.time_s > 1.0
+        if not begins or kills or status.time_s > until_s or before.time_s - flew_s > _BRAKES_S:
+            continue
+        when = (seen.truth.time_s >= before.time_s) & (seen.truth.time_s <= status.time_s)
+        slowest_mps = float(speed_mps[when & seen.airborne(agent)].min(initial=math.inf))
+        if math.isfinite(slowest_mps) and slowest_mps > most_mps:
+            yield f"agent {agent} began to land at {status.time_s:.1f} s at {slowest_mps:.1f} m/s"
+
+
+_FLIES: Final = (Phase.FLY, Phase.HOLD, Phase.RETURN)
+
+
+def _may_slide(seen: Seen) -> float:
     """How far an agent may fly that is told to land [m]: it brakes, and makes room."""
     speed, response = seen.plan.limits.speed_mps, seen.plan.response
     brakes_m = speed * (response.dead_time_s + response.lag_s + 0.5) + speed**2 / 4.0
     return brakes_m + seen.r_in_m + 4.0 + 0.5 * seen.wind_mps
 
 
-def _way_down(seen: _Seen, agent: int, at_s: float) -> float:
+def _way_down(seen: Seen, agent: int, at_s: float) -> float:
     """How far it flew from there to where it came down [m]; 0 where other hands had a part."""
     downs = [at for at in seen.events(agent, EventKind.TOUCHDOWN) if at > at_s]
     until_s = min(seen.taken[agent], seen.first(agent, "kill", "stop"))
@@ -501,7 +307,7 @@ def _way_down(seen: _Seen, agent: int, at_s: float) -> float:
     return float(math.dist(track[begin, :2], track[end, :2]))
 
 
-def _obeys(seen: _Seen) -> Iterator[str]:
+def _obeys(seen: Seen) -> Iterator[str]:
     for agent in seen.ids:
         hands_s = min(
             seen.taken[agent], seen.lies[agent], seen.first(agent, "kill", "stop", "clock")
@@ -514,7 +320,7 @@ def _obeys(seen: _Seen) -> Iterator[str]:
                 yield f"agent {agent} accepted `{order.line}` at {order.at_s:g} s, and {text}"
 
 
-def _obeyed(seen: _Seen, agent: int, order: GivenOrder, until_s: float) -> str:
+def _obeyed(seen: Seen, agent: int, order: GivenOrder, until_s: float) -> str:
     """What it did instead, or ''."""
     kind = order.sent.command.kind if order.sent is not None else ""
     late_s = 1.0 + seen.flown.scenario.mesh.delay_s + seen.flown.scenario.mesh.jitter_s
@@ -541,7 +347,7 @@ def _is_meant(agent: int, order: GivenOrder) -> bool:
     return command is not None and (command.kind == CommandKind.HOLD or agent in command.about)
 
 
-def _down_within(seen: _Seen, agent: int, at_s: float, *, home: bool) -> float:
+def _down_within(seen: Seen, agent: int, at_s: float, *, home: bool) -> float:
     """The longest that an ordered landing takes [s]."""
     time_s, plan = seen.truth.time_s, seen.plan
     at = min(int(np.searchsorted(time_s, at_s)), len(time_s) - 1)
@@ -556,7 +362,7 @@ def _down_within(seen: _Seen, agent: int, at_s: float, *, home: bool) -> float:
     return 2.0 * lands_s + 120.0 * len(seen.ids) + flies_s
 
 
-def _came_home(seen: _Seen, agent: int, until_s: float) -> str:
+def _came_home(seen: Seen, agent: int, until_s: float) -> str:
     last = seen.statuses[agent][-1:]
     if not last or last[0].cause is not Cause.ORDER or last[0].outcome is not Outcome.ABORTED:
         return ""  # it says why it did not
@@ -569,7 +375,7 @@ def _came_home(seen: _Seen, agent: int, until_s: float) -> str:
     return f"it came down {off_m:.1f} m from its start" if off_m > MISPLACED_M + 1.0 else ""
 
 
-def _moved_in_hold(seen: _Seen, agent: int, at_s: float, until_s: float) -> str:
+def _moved_in_hold(seen: Seen, agent: int, at_s: float, until_s: float) -> str:
     """A vehicle that is to hold stays where it is, but for room that it makes for others."""
     held = [s for s in seen.statuses[agent] if at_s + 6.0 < s.time_s < until_s]
     others = [s.time_s for s in held if s.action is not None or s.phase is not Phase.FLY]
@@ -587,11 +393,13 @@ def _moved_in_hold(seen: _Seen, agent: int, at_s: float, until_s: float) -> str:
     return ""
 
 
-def _policies_act(seen: _Seen) -> Iterator[str]:
+def _policies_act(seen: Seen) -> Iterator[str]:
     """Of what is certain: an agent that is dead or stopped, a station that is gone, long enough."""
     policies = seen.plan.policies
     yield from _times_out(seen)
     yield from _runs_empty(seen)
+    yield from _flies_against_a_pilot(seen)
+    yield from _flies_blind(seen)
     if not seen.good_mesh or seen.of("clock", "says") or seen.flown.scenario.clocks:
         return
     for each in seen.of("kill", "stop", "station"):
@@ -612,7 +420,7 @@ def _policies_act(seen: _Seen) -> Iterator[str]:
                 yield f"{words} at {each.at_s:g} s, and agent {agent} went on with its mission"
 
 
-def _times_out(seen: _Seen) -> Iterator[str]:
+def _times_out(seen: Seen) -> Iterator[str]:
     """No step takes longer than its time-out, but for `continue`; orders stop its clock."""
     if seen.flown.orders or seen.of("says", "stop", "restart"):
         return
@@ -634,7 +442,7 @@ def _times_out(seen: _Seen) -> Iterator[str]:
                 )
 
 
-def _runs_empty(seen: _Seen) -> Iterator[str]:
+def _runs_empty(seen: Seen) -> Iterator[str]:
     """Nobody flies on with a battery under its reserve, as the vehicle tells it."""
     policies = seen.plan.policies
     if policies.battery_low is Policy.CONTINUE:
@@ -655,7 +463,38 @@ def _runs_empty(seen: _Seen) -> Iterator[str]:
             )
 
 
-def _goes_on(seen: _Seen, agent: int, gone: set[int], at_s: float, by_s: float) -> bool:
+def _flies_against_a_pilot(seen: Seen) -> Iterator[str]:
+    """A pilot who takes a vehicle has it: its agent does not fly its mission on."""
+    for from_s, _, agents, _, pilot in seen.faults if seen.from_start else ():
+        for agent in agents if pilot else ():
+            before = [s for s in seen.statuses[agent] if s.time_s <= from_s][-1:]
+            if not before or before[0].phase not in _FLIES or not before[0].airborne:
+                continue
+            until_s = min(
+                from_s + 2.0 * _ACTS_S,
+                seen.first(agent, "kill", "stop", "clock"),
+                *(order.at_s for order in seen.orders(agent) if order.at_s > from_s - 1.0),
+            )
+            if agent in seen.elsewhen or seen.taken[agent] < from_s:
+                continue
+            late = [s for s in seen.statuses[agent] if from_s + _ACTS_S < s.time_s < until_s]
+            if any(s.phase is Phase.FLY and s.action is None and s.airborne for s in late):
+                yield f"a pilot took agent {agent}'s vehicle at {from_s:g} s, and it flew on"
+
+
+def _flies_blind(seen: Seen) -> Iterator[str]:
+    """Without a position an agent waits, and says why."""
+    for from_s, until_s, agents, values, _ in seen.faults if seen.from_start else ():
+        for agent in agents if values.get("SIM_GPS_OFF") == 1 else ():
+            hands_s = min(until_s, seen.first(agent, "kill", "stop", "clock", "restart"))
+            if agent in seen.elsewhen or seen.taken[agent] < from_s:
+                continue
+            late = [s for s in seen.statuses[agent] if from_s + _BLIND_S < s.time_s < hands_s]
+            if any(s.phase is Phase.FLY and s.airborne and not s.reason for s in late):
+                yield f"agent {agent} had no position from {from_s:g} s on, and flew on"
+
+
+def _goes_on(seen: Seen, agent: int, gone: set[int], at_s: float, by_s: float) -> bool:
     """At that time the agent flies its mission, as if nothing had been lost since."""
     dead_s = min(seen.taken[agent], seen.first(agent, "kill", "stop"))
     if dead_s < by_s or any(_has_left(seen, lost, at_s) for lost in gone):
@@ -672,14 +511,14 @@ def _goes_on(seen: _Seen, agent: int, gone: set[int], at_s: float, by_s: float) 
     return now.action is None and now.phase is Phase.FLY and not over and now.airborne
 
 
-def _has_left(seen: _Seen, agent: int, at_s: float) -> bool:
+def _has_left(seen: Seen, agent: int, at_s: float) -> bool:
     """By an order, before it fell silent: the others are told to go on without it. Or it was never
     in the air, or on the ground again."""
     said = [s for s in seen.statuses[agent] if s.time_s <= at_s]
     return not said or said[-1].left is not None or not said[-1].airborne
 
 
-def _together(seen: _Seen) -> Iterator[str]:
+def _together(seen: Seen) -> Iterator[str]:
     """By the statuses, at 2 Hz: one begins a step, and another that it hears is not done yet with
     the one before, nor was."""
     if not seen.good_mesh or seen.of("part"):
@@ -714,7 +553,7 @@ def _apart_from(status: AgentStatus) -> bool:
     return gave_up or status.left is not None or status.phase in (Phase.YIELD, Phase.ENDED)
 
 
-def _verdict(seen: _Seen) -> Iterator[str]:
+def _verdict(seen: Seen) -> Iterator[str]:
     flown, summary, truth = seen.flown, seen.flown.summary, seen.truth
     word = f"the verdict is {summary.outcome}"
     if (summary.outcome is Outcome.COMPLETED) != (summary.cause is None):
@@ -744,7 +583,7 @@ def _verdict(seen: _Seen) -> Iterator[str]:
 _FALLEN: Final = (EventKind.CRASH, EventKind.COLLISION, EventKind.DISARM)
 
 
-def _against_completed(seen: _Seen) -> Iterator[str]:
+def _against_completed(seen: Seen) -> Iterator[str]:
     """What a completed flight can't have."""
     flown, summary = seen.flown, seen.flown.summary
     left = {each.agent for each in summary.left}
@@ -777,11 +616,11 @@ def _against_completed(seen: _Seen) -> Iterator[str]:
         yield f"{agents_named(flown.up)} had not ended"
 
 
-def _comes_back(seen: _Seen, agent: int) -> bool:
+def _comes_back(seen: Seen, agent: int) -> bool:
     return any(agent in (each.restart or ()) for each in seen.of("restart"))
 
 
-def _causes(seen: _Seen) -> Iterator[str]:
+def _causes(seen: Seen) -> Iterator[str]:
     """A cause needs what can bring it about."""
     cause, words = seen.flown.summary.cause, seen.flown.summary.reason
     named = {name for _, _, _, values, _ in seen.faults for name in values} | {*seen.parameters}
@@ -808,7 +647,7 @@ def _causes(seen: _Seen) -> Iterator[str]:
         yield f"the cause is {cause} ({words}), and nothing of that kind happened"
 
 
-def _forecast(seen: _Seen) -> Iterator[str]:
+def _forecast(seen: Seen) -> Iterator[str]:
     if not seen.fair:
         return
     summary = seen.flown.summary
@@ -835,7 +674,7 @@ def _forecast(seen: _Seen) -> Iterator[str]:
             yield f"in step {k} ({found.name}) a pair was {words}"
 
 
-def _nearest_between(seen: _Seen, from_s: float, to_s: float) -> float:
+def _nearest_between(seen: Seen, from_s: float, to_s: float) -> float:
     """The smallest horizontal distance of two vehicles in that time [m]."""
     time_s = seen.truth.time_s
     when = (time_s >= from_s) & (time_s <= to_s)
@@ -845,7 +684,7 @@ def _nearest_between(seen: _Seen, from_s: float, to_s: float) -> float:
     return float(apart.min(initial=np.inf))
 
 
-CHECKS: Final[dict[Invariant, Callable[[_Seen], Iterator[str]]]] = {
+CHECKS: Final[dict[Invariant, Callable[[Seen], Iterator[str]]]] = {
     Invariant.ENDS: _ends,
     Invariant.DOWN: _down,
     Invariant.APART: _apart,

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarm_ctl.core.agent import failsafes
+from swarm_ctl.core.agent import failsafes, landing
 from swarm_ctl.core.agent.command_handler import CommandHandler
+from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.fuzz.invariants import Invariant, broken
@@ -104,6 +105,33 @@ def test_a_death_that_nobody_minds(monkeypatch: pytest.MonkeyPatch) -> None:
         {check: cause for check, cause in failsafes.CHECKS.items() if cause is not Cause.PEER},
     )
     assert Invariant.ACTS in kinds(flown(f"{hold}, {{at_s: 18, kill: [2]}}"))
+
+
+def without(check: Any) -> dict[Any, Cause]:
+    return {each: cause for each, cause in failsafes.CHECKS.items() if each is not check}
+
+
+def test_a_pilot_whom_nobody_minds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """His vehicle counts no longer, but that its agent lets him have it does."""
+    taken = "{at_s: 12, pilot: {agents: [2], mode: manual}}"
+    assert broken(flown(taken)) == []
+    monkeypatch.setattr(failsafes, "CHECKS", without(failsafes._taken_over))
+    assert Invariant.ACTS in kinds(flown(taken, "lands_after_s: 60"))
+
+
+def test_a_vehicle_without_a_position_that_flies_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    blind = "{at_s: 12, vehicle: {agents: [2], set: {SIM_GPS_OFF: 1}}, for_s: 3}"
+    assert broken(flown(blind)) == []
+    monkeypatch.setattr(Tick, "fix", property(lambda tick: tick.newest_fix))
+    assert Invariant.ACTS in kinds(flown(blind))
+
+
+def test_a_landing_that_begins_in_full_flight(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without braking the autopilot carries on sideways while its agent keeps clear no more."""
+    land = "{at_s: 12.8, order: land}"
+    assert broken(flown(land)) == []
+    monkeypatch.setattr(landing, "_AT_REST_MPS", 100.0)
+    assert Invariant.ORDERED in kinds(flown(land))
 
 
 def test_a_flight_that_does_not_end(good: FlownScenario) -> None:
