@@ -196,6 +196,7 @@ def test_a_member_is_heard_in_a_flood() -> None:
     ):
         here.listen(*channels, agents=(1, 2))
         before, most, sent = resident_mb(own), 0.0, 0
+        reasons = set[RefusalReason]()
         while any(each.poll() is None for each in floods):
             sent += 1
             there.send(keys.STATE, replace(STATE, agent=2, seq=sent))
@@ -205,10 +206,10 @@ def test_a_member_is_heard_in_a_flood() -> None:
                 for payload, at_s in here.take(channel):
                     if "2" in (getattr(payload, "station", ""), str(getattr(payload, "agent", ""))):
                         heard_s[channel.name].append(at_s)
+            reasons |= {refusal.reason for refusal in here.refused(time.monotonic())}
             most = max(most, resident_mb(own))
             time.sleep(0.05)
         told = [int(each.communicate()[0]) for each in floods]
-        reasons = {refusal.reason for refusal in here.refused(time.monotonic())}
     assert min(told[:2]) > 1000
     assert told[2] >= 1
     assert RefusalReason.TOO_MANY in reasons

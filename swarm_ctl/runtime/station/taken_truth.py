@@ -15,9 +15,9 @@ from swarm_ctl.report.folder.files import Damage, read_lines
 from swarm_ctl.report.folder.manifest import Manifest, write_manifest
 from swarm_ctl.report.folder.truth import TRUTH, TruthHeader
 
-_FRESH_S: Final = 2.0
-"""A simulator that goes on has written a line by then: its truth ends as well as with its own last
-line. An older one ended with the simulator."""
+_FRESH_WALL_S: Final = 2.0
+"""A simulator that goes on has written a line by then, also on a busy machine: its truth ends as
+well as with its own last line. An older one ended with the simulator."""
 
 
 def take_truth(source: Path, folder: Path, manifest: Manifest, now_s: float) -> None:
@@ -43,7 +43,7 @@ def take_truth(source: Path, folder: Path, manifest: Manifest, now_s: float) -> 
         last_s = last["t"] + later_s
         if last_s < 0.0:
             raise InputError(f"{source} ends {-last_s:.0f} s before this flight")
-        if last["type"] != "end" and last_s > now_s - _FRESH_S:
+        if last["type"] != "end" and last_s > now_s - _FRESH_WALL_S * manifest.speedup:
             file.write(_line({"type": "end", "t": last["t"]}, later_s))
     there = set(header.sysids)
     simulated = tuple(agent.id for agent in manifest.fleet if agent.sysid in there)
