@@ -19,6 +19,7 @@ from swarm_ctl.core.model.fleet import Fleet, SigningPolicy, VehicleKind
 from swarm_ctl.core.model.plan import AgentPlan, Plan, Point
 from swarm_ctl.core.model.text import agents_named, ranges
 from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S
+from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.swarm.hearing import mesh_words
 from swarm_ctl.core.swarm.radio import radio_words
 from swarm_ctl.mission.compile.forecast import StepForecast
@@ -141,6 +142,8 @@ def _facts(plan: Plan, full: bool, *, routed: bool) -> Iterator[str]:
     if plan.fence is not None:
         inside = " ".join(f"({north:g}, {east:g})" for north, east in plan.fence.polygon_m)
         yield f"fence    up to {plan.fence.height_m:g} m, inside {inside} m: {policies.fence.value}"
+    for zone in plan.zones:
+        yield f"zone     {_zone(zone)}"
     yield (
         f"limits   battery under {policies.battery_reserve_percent:g} %:"
         f" {policies.battery_low.value}; over {policies.max_speed_mps:g} m/s or"
@@ -220,6 +223,14 @@ def _closest(plan: Plan) -> Iterator[str]:
             apart, (i, j) = found
             pair = f"{plan.agents[i].id}-{plan.agents[j].id}"
             yield f"closest  {name} {apart * plan.unit_m:.2f} m ({pair})"
+
+
+def _zone(zone: Zone) -> str:
+    places = " ".join(f"({north:g}, {east:g})" for north, east in zone.corners_m)
+    shape = f"circle of {zone.radius_m:g} m at {places}" if zone.radius_m else f"inside {places}"
+    heights = "" if zone.floor_m is None else f", from {zone.floor_m:g} m"
+    heights += "" if zone.ceiling_m is None else f", up to {zone.ceiling_m:g} m"
+    return f"{zone.name}: {shape} m{heights}; {zone.clearance_m:g} m are kept clear"
 
 
 def _safety(plan: Plan) -> str:
