@@ -11,7 +11,6 @@ from typing import Final, TypeAlias
 
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import SentCommand
-from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.model.messages import AgentStatus, Event
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.text import agents_named, ranges
@@ -263,7 +262,7 @@ class SwarmFlight(ABC):
     def step_number(self, step: int | str) -> int:
         """The number of the first step of this name; ValueError lists the names."""
         __tracebackhide__ = True
-        names = [step_name(self.plan, k) for k in range(len(self.plan.steps) + 1)]
+        names = max((group.step_names for group in self.plan.groups), key=len)
         if step not in (*names, *range(len(names))):
             numbers = f"0 to {len(names) - 1}, or {', '.join(dict.fromkeys(names))}"
             raise ValueError(f"no step {step!r}; allowed: {numbers}")

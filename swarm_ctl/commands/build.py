@@ -239,9 +239,9 @@ def _way_round(
 
 
 def _height_m(swarm: SwarmNow) -> float:
-    """At which the formation flies by the plan."""
-    formations = swarm.plan.formations()
-    return formations[min(max(swarm.step, 1), len(formations) - 1)].height_m
+    """At which the formation flies by the plan; of several groups, the highest."""
+    stands = [group.formations(swarm.plan.unit_m) for group in swarm.plan.groups]
+    return max(each[min(max(swarm.step, 1), len(each) - 1)].height_m for each in stands)
 
 
 def _fenced(kind: str, swarm: SwarmNow, places_m: Mapping[int, NDArray[np.float64]]) -> None:

@@ -539,10 +539,10 @@ def _fence(mission: Data, dice: Dice, *, fair: bool) -> None:
         return
     plan = loads(yaml_file.write(mission)).plan
     leaves = not fair and dice.chance(0.25)  # the plan leads out of it: `validate` warns
-    places_m = [place for at in plan.formations() for place in at.places_m()]
+    places_m = [place for at in plan.all_steps() for place in at.after.places_m()]
     places_m = [] if leaves else places_m
     places_m += [(n * plan.unit_m, e * plan.unit_m) for n, e in (a.start for a in plan.agents)]
-    top_m = max(step.climbs_to_m or 0.0 for step in plan.steps)
+    top_m = max(at.step.climbs_to_m or 0.0 for at in plan.all_steps())
     metre = 1.0 if mission.get("lengths") == "metres" else 1.0 / plan.unit_m
     room_m = dice.number(14, 25, 0) if fair or dice.chance(0.6) else dice.number(1, 8, 1)
     norths, easts = zip(*places_m, strict=True)
@@ -566,7 +566,8 @@ def _zones(mission: Data, dice: Dice) -> None:
     if dice.chance(0.7):
         return
     plan = loads(yaml_file.write(mission)).plan
-    places_m = [place for at in plan.formations() for place in at.places_m()]
+    stands = (at for group in plan.groups for at in group.formations(plan.unit_m))
+    places_m = [place for at in stands for place in at.places_m()]
     norths, easts = zip(*places_m, strict=True)
     metre = 1.0 if mission.get("lengths") == "metres" else 1.0 / plan.unit_m
     away_m = 0.5 * plan.law.r_in * plan.unit_m + 1.0

@@ -110,7 +110,7 @@ def _down(seen: Seen) -> Iterator[str]:
     for agent in sorted(set(seen.ids) - seen.elsewhen):
         last = seen.statuses[agent][-1:]
         results = last[0].steps[1:] if last else ()
-        for planned, step in zip(seen.plan.steps, results, strict=False):
+        for planned, step in zip(seen.steps, results, strict=False):
             if not planned.goes_down or step.result is not StepOutcome.DONE or step.end_s is None:
                 continue
             at = int(np.searchsorted(truth.time_s, step.end_s))
@@ -223,8 +223,8 @@ def _acts(seen: Seen, agent: int, at_s: float) -> bool:
 
 
 def _ordered(seen: Seen) -> Iterator[str]:
-    truth, plan = seen.truth, seen.plan
-    up = next((k for k, step in enumerate(plan.steps, 1) if step.climbs_to_m is not None), 1)
+    truth = seen.truth
+    up = next((k for k, step in enumerate(seen.steps, 1) if step.climbs_to_m is not None), 1)
     flies_s = seen.step_start(up + 1)
     for agent in seen.ids:
         track, taken_s = seen.track(agent), seen.taken[agent]
@@ -426,7 +426,7 @@ def _times_out(seen: Seen) -> Iterator[str]:
         return
     for agent in set(seen.ids) - seen.elsewhen:
         said = seen.statuses[agent][-1:]
-        for result, step in zip(said[0].steps[1:] if said else (), seen.plan.steps, strict=False):
+        for result, step in zip(said[0].steps[1:] if said else (), seen.steps, strict=False):
             took_s = (said[0].time_s if result.end_s is None else result.end_s) - result.start_s
             ends = step.on_timeout not in (Policy.CONTINUE, Policy.HOLD)
             ends = ends and not step.goes_down
@@ -503,7 +503,7 @@ def _goes_on(seen: Seen, agent: int, gone: set[int], at_s: float, by_s: float) -
     if not said or said[-1].time_s < by_s - 1.5:
         return False  # it has ended
     now = said[-1]
-    planned = seen.plan.steps[min(now.step, len(seen.plan.steps)) - 1] if now.step else None
+    planned = seen.steps[min(now.step, len(seen.steps)) - 1] if now.step else None
     down = planned is not None and planned.goes_down
     if down or now.phase in (Phase.CONNECT, Phase.PREPARE):
         return False
@@ -588,7 +588,7 @@ def _against_completed(seen: Seen) -> Iterator[str]:
     flown, summary = seen.flown, seen.flown.summary
     left = {each.agent for each in summary.left}
     for step in summary.steps:
-        planned = seen.plan.steps[step.step - 1] if step.step else None
+        planned = seen.steps[step.step - 1] if step.step else None
         goes_on = planned is not None and planned.on_timeout is Policy.CONTINUE
         late = step.result is StepVerdict.TIMEOUT and not goes_on
         if late or step.result in (StepVerdict.ABORTED, StepVerdict.NOT_REACHED):
@@ -601,7 +601,7 @@ def _against_completed(seen: Seen) -> Iterator[str]:
             continue
         if not seen.events(agent, EventKind.LIFTOFF):
             yield f"agent {agent} never flew"
-        if seen.plan.steps[-1].goes_home:
+        if seen.steps[-1].goes_home:
             north, east = seen.plan.agent(agent).start
             home = (north * seen.unit_m, east * seen.unit_m)
             off_m = math.dist(seen.track(agent)[-1, :2], home)

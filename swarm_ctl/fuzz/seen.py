@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from swarm_ctl.core.kernel.constraints import margins_of
 from swarm_ctl.core.model.messages import AgentStatus, CommandKind
+from swarm_ctl.core.model.steps.table import AnyStep
 from swarm_ctl.mission.checks import envelope
 from swarm_ctl.report.folder.truth import EventKind
 from swarm_ctl.virtual.scenario import Happening
@@ -210,6 +211,12 @@ class Seen:
             and (not kinds or order.sent.command.kind in kinds)
         ]
 
+    @cached_property
+    def steps(self) -> tuple[AnyStep, ...]:
+        """Of all agents: a drawn mission has one group."""
+        (group,) = self.plan.groups
+        return group.steps
+
     def step_start(self, k: int) -> float:
         """When the first agent began step k [s]; inf: none did."""
         starts = [
@@ -225,12 +232,12 @@ class Seen:
         if k == 0:
             return False
         begun_s, ended_s = self.step_start(k), self.step_start(k + 1)
-        return ended_s - begun_s >= self.plan.steps[k - 1].timeout_s - 0.5
+        return ended_s - begun_s >= self.steps[k - 1].timeout_s - 0.5
 
     @cached_property
     def home_s(self) -> float:
         """When the plan's own landing began [s]; inf: it did not."""
-        steps = enumerate(self.plan.steps, 1)
+        steps = enumerate(self.steps, 1)
         home = (k for k, step in steps if step.goes_down)
         return min(map(self.step_start, home), default=math.inf)
 

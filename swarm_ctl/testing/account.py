@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from typing import Final
 
 from swarm_ctl.api.flight import SwarmFlight
-from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.model.text import printable, ranges
 
 _EVENTS: Final = 10
@@ -19,13 +18,14 @@ def account(flight: SwarmFlight) -> str:
 
 def _steps(flight: SwarmFlight) -> Iterator[str]:
     plan, statuses = flight.plan, flight.statuses()
-    names = [step_name(plan, k) for k in range(len(plan.steps) + 1)]
-    wide = max(map(len, names))
+    names = [(group, k, name) for group in plan.groups for k, name in enumerate(group.step_names)]
+    wide = max(len(name) for _, _, name in names)
     yield f"step {'':{wide}}  from [s]    to [s]  agents"
-    for k, name in enumerate(names):
-        results = {i: s.steps[k] for i, s in statuses.items() if k < len(s.steps)}
+    for group, k, name in names:
+        told = {i: statuses[i] for i in group.ids if i in statuses}
+        results = {i: s.steps[k] for i, s in told.items() if k < len(s.steps)}
         said: dict[str, list[int]] = {}
-        for agent in plan.agents:
+        for agent in group.agents:
             found = results.get(agent.id)
             said.setdefault(found.result if found else "not reached", []).append(agent.id)
         starts = [found.start_s for found in results.values()]

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Final
 
 from swarm_ctl.commands.send import SentCommand
-from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.model.messages import AgentStatus, Event, Phase
 from swarm_ctl.core.model.plan import Plan, Policy
 from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S
@@ -39,7 +38,7 @@ _DRAIN_S: Final = 90.0
 def longest_s(plan: Plan, scenario: Scenario | None = None) -> float:
     """A flight's upper bound [s]: every wait of it has a time-out, and these are their sum, with
     the longest way down at the end, and without agents after that."""
-    steps = sum(step.timeout_s for step in plan.steps)
+    steps = max(sum(step.timeout_s for step in group.steps) for group in plan.groups)
     waits = plan.prepare_timeout_s + steps + 2.0 * LANDING_AT_MOST_S + _DRAIN_S
     if scenario is None:
         return waits
@@ -297,8 +296,8 @@ class ScenarioFlight:
 
     def _meet(self, happening: Happening) -> Met:
         live = [m.status for m in self.swarm.members.values() if m.alive and m.status is not None]
-        step = max((status.step for status in live), default=0)
-        name = step_name(self.plan, step).split()[0] if step else "prepare"
+        names = {s.step: self.plan.group_of(s.agent).step_name(s.step) for s in live}
+        name = names[max(names)].split()[0] if names else "prepare"
         return Met(happening, name, frozenset(status.phase for status in live))
 
     @property

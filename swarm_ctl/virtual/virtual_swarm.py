@@ -27,7 +27,7 @@ from swarm_ctl.core.model.messages import (
     Phase,
     StationBeacon,
 )
-from swarm_ctl.core.model.plan import GroupPlan, Plan
+from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.mavlink.autopilots.timing import streams_hz
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.signing import UNITS_S, LinkSigning
@@ -97,8 +97,7 @@ class VirtualSwarm:
     whose clock is not the swarm's; `memory` is the folder where the vehicles' own parameters are
     remembered, None: nowhere. `lockstep`: as the processes of a run in lockstep do it, where what
     is published in a tick is heard in the next one; else an agent hears at once. `signed_from`:
-    links are signed, by `key_of`, from this stamp on. `groups`: who flies which steps together; ():
-    all agents fly all steps.
+    links are signed, by `key_of`, from this stamp on.
     """
 
     def __init__(
@@ -111,10 +110,8 @@ class VirtualSwarm:
         memory: Path | None = None,
         lockstep: bool = False,
         signed_from: int | None = None,
-        groups: Sequence[GroupPlan] = (),
     ) -> None:
         self._lockstep = lockstep
-        self._groups = {agent: group for group in groups for agent in group.ids}
         self._signed_from = signed_from
         self._memory = VehicleMemory(memory) if memory else None
         self._wrap, self._clocks = mesh, dict(clocks or {})
@@ -173,7 +170,6 @@ class VirtualSwarm:
             # in lockstep mission time has no pace: no command is old
             speedup=math.inf if self._lockstep else 1.0,
             same_clock=() if agent_id in self._clocks else ids - self._clocks.keys(),
-            group=self._groups.get(agent_id),
             own_law=own_law_of(plan.law),
         )
         self.members[agent_id] = VirtualAgent(agent, link, node, remembering, clock=clock)

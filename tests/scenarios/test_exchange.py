@@ -7,6 +7,7 @@ from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from tests.scenarios.swarm import VirtualSwarm, at_step, landing_fast
 from tests.scenarios.test_steps import TEXT, assert_good, shape_error_m
+from tests.unit.plans import steps_of
 
 BACK = "{kind: offsets, offsets: [[0, 27], [0, 18], [0, 9], [0, 0]]}"
 
@@ -108,7 +109,7 @@ def test_exchange_is_for_nearest_slots_unless_said() -> None:
 
     def allowed(form: str, head: str = "") -> bool:
         text = TEXT.replace("form: {shape: square, settle_s: 2}", f"form: {{shape: square{form}}}")
-        step = loads(head + text + "  - land\n").plan.steps[1]
+        step = steps_of(loads(head + text + "  - land\n").plan)[1]
         assert isinstance(step, FormStep)
         return step.exchange
 

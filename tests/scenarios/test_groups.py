@@ -3,10 +3,20 @@ they keep clear of each other, and wait for none of the other."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 from swarm_ctl.core.law.formation import formation_error
 from swarm_ctl.core.model.messages import Phase
-from swarm_ctl.core.model.plan import GroupPlan
+from swarm_ctl.mesh import keys
+from swarm_ctl.mesh.memory_transport import MemoryTransport
+from swarm_ctl.mesh.node import Node
+from swarm_ctl.mission.compile.forecast import forecast
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
+from swarm_ctl.mission.compile.plan_file import plan_from_json, plan_to_json
+from swarm_ctl.station.picture.model import Model
+from swarm_ctl.virtual.scenario import Scenario
+from swarm_ctl.virtual.scenario_flight import ScenarioFlight
 from tests.scenarios.swarm import VirtualSwarm, landing_fast
 
 TEXT = """\
@@ -41,6 +51,9 @@ WATCH = """\
 """
 
 
+ONE, OTHER = (1, 2, 3), (4, 5, 6)
+
+
 def mission(steps: str, ids: tuple[int, ...]) -> LoadedMission:
     lines = [
         line
@@ -50,28 +63,28 @@ def mission(steps: str, ids: tuple[int, ...]) -> LoadedMission:
     return loads("".join(lines) + steps)
 
 
-def group(name: str, steps: str, ids: tuple[int, ...]) -> GroupPlan:
-    plan = mission(steps, ids).plan
-    return GroupPlan(name, plan.agents, plan.steps)
+def two_groups() -> LoadedMission:
+    """Three agents search, three watch."""
+    parts = {"search": mission(SEARCH, ONE), "watch": mission(WATCH, OTHER)}
+    groups = [replace(part.plan.groups[0], name=name) for name, part in parts.items()]
+    whole = mission(SEARCH, ONE + OTHER)
+    return replace(whole, plan=replace(whole.plan, groups=tuple(groups)))
 
 
 def test_two_groups_fly_their_own_steps_and_keep_apart() -> None:
     """The searchers are down while the watchers still hold; nobody comes under r_in."""
-    search = group("search", SEARCH, (1, 2, 3))
-    watch = group("watch", WATCH, (4, 5, 6))
-    # who all are, and what a word of any of them may be, is the whole plan's
-    swarm = landing_fast(VirtualSwarm(mission(SEARCH, (1, 2, 3, 4, 5, 6)), groups=(search, watch)))
+    swarm = landing_fast(VirtualSwarm(two_groups()))
 
     def ended(ids: tuple[int, ...]) -> bool:
         return ids == tuple(i for i in ids if i in swarm.outcomes())
 
-    swarm.wait(lambda _: ended((1, 2, 3)))
-    assert not any(i in swarm.outcomes() for i in (4, 5, 6))
+    swarm.wait(lambda _: ended(ONE))
+    assert not any(i in swarm.outcomes() for i in OTHER)
     at = swarm.positions()
-    shape = watch.steps[1].new_shape
+    shape = swarm.plan.group_of(4).steps[1].new_shape
     assert shape is not None
-    assert formation_error([at[i] for i in (4, 5, 6)], shape.slots) < 0.5
-    assert max(at[i][0] for i in (1, 2, 3)) < -15.0
+    assert formation_error([at[i] for i in OTHER], shape.slots) < 0.5
+    assert max(at[i][0] for i in ONE) < -15.0
     swarm.fly()
     assert set(swarm.outcomes().values()) == {"completed"}
     assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
@@ -80,12 +93,47 @@ def test_two_groups_fly_their_own_steps_and_keep_apart() -> None:
 
 def test_a_group_waits_for_its_members_alone() -> None:
     """An agent that dies stops its own group, and not the other."""
-    search, watch = group("search", SEARCH, (1, 2, 3)), group("watch", WATCH, (4, 5, 6))
-    whole = mission(SEARCH, (1, 2, 3, 4, 5, 6))
-    swarm = landing_fast(VirtualSwarm(whole, groups=(search, watch)))
+    swarm = landing_fast(VirtualSwarm(two_groups()))
     swarm.wait(lambda s: s.phases() == {Phase.FLY})
     swarm.kill(6)
     swarm.fly()
     outcomes = swarm.outcomes()
-    assert {outcomes[i] for i in (1, 2, 3)} == {"completed"}
+    assert {outcomes[i] for i in ONE} == {"completed"}
     assert {outcomes[i] for i in (4, 5)} == {"failed"}
+
+
+def test_a_station_and_the_verdict_go_by_each_groups_own_steps() -> None:
+    """Each agent's step has its group's name for it, each shape its group's error; the summary has
+    the steps of both."""
+    whole = two_groups()
+    scenario = Scenario(version=1, mission=TEXT)
+    flight = ScenarioFlight(scenario, whole)
+    model, node = Model(whole.plan), Node(MemoryTransport(flight.swarm.mesh), "test", "watcher")
+    node.listen(keys.STATE, keys.STATUS, agents=[agent.id for agent in whole.plan.agents])
+    worst_m = math.inf
+
+    def watch(_: ScenarioFlight) -> None:
+        nonlocal worst_m
+        for channel in (keys.STATE, keys.STATUS):
+            for payload, _at in node.take(channel):
+                model.fold(payload, flight.swarm.now)
+        view = model.view(flight.swarm.now)
+        names = {agent.id: view.step_name(agent) for agent in view.agents}
+        if names[1] == "move" and names[4] == "hold":
+            worst_m = min(worst_m, view.error_m or math.inf)
+            assert {(e.a in ONE, e.b in ONE) for e in view.edges} == {(True, True), (False, False)}
+
+    summary = flight.fly(watch).summary
+    assert worst_m < 0.5
+    assert summary.outcome == "completed", summary.reason
+    assert [step.name for step in summary.steps] == [
+        *("prepare", "takeoff", "form row", "move", "land"),
+        *("prepare", "takeoff", "form wedge", "hold", "land"),
+    ]
+    assert {step.result for step in summary.steps} == {"done"}
+    assert summary.formation_error_m is not None
+    assert summary.formation_error_m < 0.5
+    shapes = [step.form.shape if step.form else "" for step in forecast(whole.plan)]
+    assert shapes == ["", "row", "", "", "", "wedge", "", ""]
+    again = plan_from_json(plan_to_json(whole.plan, whole.fleet))
+    assert again.plan == whole.plan

@@ -18,6 +18,7 @@ from swarm_ctl.report.folder.run_folder import RunFolder
 from swarm_ctl.report.judge.verdict import judge
 from tests.on_demand import on_demand
 from tests.scenarios.swarm import HEXAGON, VirtualSwarm, at_step, landing_fast, low_hexagon
+from tests.unit.plans import with_group
 
 TAKEOFF, FORM, HOLD, LAND = 1, 2, 3, 4
 
@@ -196,7 +197,7 @@ def test_a_vehicle_on_the_wrong_spot_does_not_arm(hexagon: LoadedMission) -> Non
         for a in hexagon.plan.agents
     )
     swarm = landing_fast(VirtualSwarm(hexagon))
-    swarm.plan = elsewhere = replace(hexagon.plan, agents=agents)
+    swarm.plan = elsewhere = with_group(hexagon.plan, agents=agents)
     swarm._plan_hash = elsewhere.hash()
     for agent_id, member in swarm.members.items():
         member.agent = Agent(elsewhere, agent_id, 0.0)

@@ -25,6 +25,7 @@ from tests.scenarios.test_steps import (
     quartet,
     shape_error_m,
 )
+from tests.unit.plans import steps_of
 
 GONE_S = 1.5
 """From the kill to the new process: Python starts in half a second."""
@@ -51,7 +52,7 @@ def parameters(swarm: VirtualSwarm) -> list[dict[str, float]]:
 
 
 def killed(mission: LoadedMission, step: int, after_s: float, agent: int) -> VirtualSwarm:
-    landing = step == len(mission.plan.steps)
+    landing = step == len(steps_of(mission.plan))
     swarm = at_step(mission, step, as_delivered=landing)
     swarm.run(after_s)
     swarm.kill(agent)
@@ -94,8 +95,8 @@ def test_rejoins(where: str, agent: int) -> None:
     )
     assert most_acceleration(swarm, agent, LEARN_S) < 0.3
     height_m = -swarm.hub.world.positions()[agent - 1][2]
-    swarm.wait(lambda s: s.in_step(len(s.plan.steps)))
-    assert shape_error_m(swarm, len(swarm.plan.steps)) < 1.0
+    swarm.wait(lambda s: s.in_step(len(steps_of(s.plan))))
+    assert shape_error_m(swarm, len(steps_of(swarm.plan))) < 1.0
     if step != TAKEOFF:
         assert height_m == pytest.approx(4.0, abs=0.5)
     swarm.fly(900)

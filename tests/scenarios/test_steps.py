@@ -59,7 +59,8 @@ def assert_good(swarm: VirtualSwarm) -> None:
 
 
 def shape_error_m(swarm: VirtualSwarm, step: int, live: tuple[int, ...] = (1, 2, 3, 4)) -> float:
-    formation, at = swarm.plan.formations()[step], swarm.positions()
+    formations = swarm.plan.groups[0].formations(swarm.plan.unit_m)
+    formation, at = formations[step], swarm.positions()
     assert formation.formed
     slots = formation.offsets
     unit = swarm.plan.unit_m

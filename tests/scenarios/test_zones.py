@@ -22,6 +22,7 @@ from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from tests.on_demand import on_demand
 from tests.scenarios.swarm import landing_fast
+from tests.unit.plans import steps_of
 
 HEAD = """\
 version: 1
@@ -198,7 +199,7 @@ zones:
 def test_a_formation_goes_in_file_through_a_gate() -> None:
     """Four through a gate of 8 m."""
     mission = loads(HEAD + GATE + STEPS.replace("[24, 1]", "[18, 1]"))
-    assert mission.plan.steps[2].file is not None
+    assert steps_of(mission.plan)[2].file is not None
     least, swarm = least_m(mission, 1)
     assert min(least.values()) > 1.25
     assert set(swarm.outcomes().values()) == {"completed"}

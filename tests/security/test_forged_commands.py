@@ -18,6 +18,7 @@ from tests.on_demand import on_demand
 from tests.scenarios.faults import FORM, IDS, mission
 from tests.scenarios.swarm import flown_once, landing_fast
 from tests.security.forger import Attacked
+from tests.unit.plans import steps_of
 
 HOLD = FORM + 1
 
@@ -76,7 +77,7 @@ def test_a_shape_that_one_agent_alone_was_told_is_dropped() -> None:
     """The others wait for it, and the mission is completed."""
     flight = attacked(HOLD)
     swarm = flight.swarm
-    step = next(step for step in swarm.plan.steps if isinstance(step, FormStep))
+    step = next(step for step in steps_of(swarm.plan) if isinstance(step, FormStep))
     turned = replace(step, slots=(*step.slots[1:], step.slots[0]))
     forged = Command("f", "form", (), swarm.now, turned, swarm.plan.hash(), number=1)
     key = "swarm/test/station/x/command"

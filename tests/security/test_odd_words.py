@@ -33,13 +33,14 @@ from swarm_ctl.mesh.payloads import decode, encode
 from tests.odd_words import odd_changes, odd_fields
 from tests.scenarios.swarm import flown_once, low_hexagon
 from tests.security.forger import Attacked
+from tests.unit.plans import steps_of
 from tests.unit.station.swarm import hexagon_plan, state_of
 
 IDS = range(1, 7)
 FORM = 2
 FULL = state_of(hexagon_plan(), 3, 1.0, frame=Frame((0.0, 0.0)), exchange=ExchangeState(2))
 CLOCK = ClockNews(3, 1.0, Answers.REGULAR, (ClockEcho(1, 1.0, 0.0),))
-SLOTS = low_hexagon().plan.steps[FORM - 1]
+SLOTS = steps_of(low_hexagon().plan)[FORM - 1]
 STATION: list[tuple[str, Any]] = [
     ("beacon", StationBeacon("x", 1.0, 1)),
     ("command", Command("n", CommandKind.NEXT, (), 1.0, at_step=2, number=1)),

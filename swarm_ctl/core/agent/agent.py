@@ -47,7 +47,7 @@ from swarm_ctl.core.model.messages import (
     TickReport,
 )
 from swarm_ctl.core.model.own_parameters import Found, ParameterNote
-from swarm_ctl.core.model.plan import GroupPlan, Plan, Response
+from swarm_ctl.core.model.plan import Plan, Response
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.model.vehicle import Goal, VehicleView
 from swarm_ctl.core.safety.surroundings import FENCE_NAME
@@ -126,7 +126,6 @@ class Agent:
         speedup: of mission time; a command may be that much older, because its sender waits by the
             wall clock.
         same_clock: the agents that were started with it on the same clock.
-        group: who flies which steps with it; None: all agents, all steps.
         own_law: the law that the plan pins in place of the paper's (`own_laws.py`).
     """
 
@@ -141,18 +140,17 @@ class Agent:
         keys_end_s: float = math.inf,
         speedup: float = 1.0,
         same_clock: Container[int] = (),
-        group: GroupPlan | None = None,
         own_law: OwnLaw | None = None,
     ) -> None:
-        group, response = group or plan.group, vehicle or plan.response
+        group, response = plan.group_of(agent_id), vehicle or plan.response
         self._plan, self._id = plan, agent_id
         self._hash = plan.hash()
-        self._members = None if group.ids == plan.group.ids else frozenset(group.ids)
+        self._members = None if len(plan.groups) == 1 else frozenset(group.ids)
         # what lasts from tick to tick
         self._log = log = EventLog(agent_id)
         self._vehicle = own = OwnVehicle()
-        self._peers = Peers(plan, agent_id, same_clock, group)
-        self._group = Group(plan, group, agent_id, self._peers, now, log)
+        self._peers = Peers(plan, agent_id, same_clock)
+        self._group = Group(plan, agent_id, self._peers, now, log)
         self._interruption = Interruption(own, self._group.progress, log)
         self._controller = Controller(plan, agent_id, response, own_law)
         self._attention = Attention()
@@ -168,7 +166,7 @@ class Agent:
         self._navigator = Navigator(plan.origin)
         reach_m = self._controller.safety_filter.reach_m
         self._hearing = None if hears_all(plan) else Hearing(plan, agent_id, reach_m)
-        self._command_handler = CommandHandler(plan, group, agent_id, self._hash, speedup)
+        self._command_handler = CommandHandler(plan, agent_id, self._hash, speedup)
         self._estimate = EstimateWatch(plan.policies.position_accuracy_flight_m)
         self._response = ResponseWatch(response)
         # what decides, flies and says

@@ -16,7 +16,7 @@ from typing import Final
 from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.messages import ABOUT, ENDING, Ack, Command, CommandKind, Departure, Phase
-from swarm_ctl.core.model.plan import GroupPlan, Plan
+from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.steps.hold import HoldStep
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.model.text import printable
@@ -82,12 +82,10 @@ class AgentSituation:
 class CommandHandler:
     """Answers commands and remembers what they asked for."""
 
-    def __init__(
-        self, plan: Plan, group: GroupPlan, agent_id: int, plan_hash: int, speedup: float = 1.0
-    ) -> None:
+    def __init__(self, plan: Plan, agent_id: int, plan_hash: int, speedup: float = 1.0) -> None:
         self._id = agent_id
         self._origins = CommandOrigins(agent_id, speedup)
-        self._all = set(group.ids)
+        self._all = set(plan.group_of(agent_id).ids)
         self._hash = plan_hash
         self._in_plan = InPlan(plan)
         self._answers: dict[str, Ack] = {}

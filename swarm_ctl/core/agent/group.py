@@ -15,7 +15,7 @@ from swarm_ctl.core.control.reference import Reference
 from swarm_ctl.core.law.formation import error_of_one
 from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.messages import AgentState, Severity
-from swarm_ctl.core.model.plan import GroupPlan, Plan, Point, Policy
+from swarm_ctl.core.model.plan import Plan, Point, Policy
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.steps.step import Step
@@ -43,16 +43,15 @@ ALONE_S: Final = 15.0
 class Group:
     """One agent's group. `now` [s, own clock] is when the agent starts."""
 
-    def __init__(
-        self, plan: Plan, group: GroupPlan, own_id: int, peers: Peers, now: float, log: EventLog
-    ) -> None:
+    def __init__(self, plan: Plan, own_id: int, peers: Peers, now: float, log: EventLog) -> None:
+        group = plan.group_of(own_id)
         self._policies, self._unit_m, self._own = plan.policies, plan.unit_m, own_id
         self._log = log
         self.name, self.ids = group.name, group.ids
         self.progress = Progress(group, plan.prepare_timeout_s, now)
-        self.reference = Reference(plan, group, own_id)
+        self.reference = Reference(plan, own_id)
         self.neighbourhood = Neighbourhood(group, own_id)
-        self.slot_exchange = SlotExchange(plan, group, own_id, peers)
+        self.slot_exchange = SlotExchange(plan, own_id, peers)
         self._in_file = InFile(plan, own_id)
         self._measure_due = -math.inf
         self._held_since: dict[int, float] = {}

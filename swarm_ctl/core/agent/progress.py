@@ -10,15 +10,8 @@ from collections.abc import Iterable
 from typing import Final
 
 from swarm_ctl.core.model.messages import StepOutcome, StepResult
-from swarm_ctl.core.model.plan import GroupPlan, Plan
+from swarm_ctl.core.model.plan import GroupPlan
 from swarm_ctl.core.model.steps.step import Step
-
-
-def step_name(of: Plan | GroupPlan, step: int) -> str:
-    """`prepare` for 0, then the mission file's own words (`form hexagon`); `?` beyond the last."""
-    if not 0 <= step <= len(of.steps):
-        return "?"
-    return of.steps[step - 1].title if step else "prepare"
 
 
 class Progress:
@@ -47,7 +40,7 @@ class Progress:
     @property
     def name(self) -> str:
         """Of the current step."""
-        return step_name(self._group, self.step)
+        return self._group.step_name(self.step)
 
     @property
     def lands_in_place(self) -> bool:
@@ -110,7 +103,7 @@ class Progress:
         """Start in the middle, at `step`: the peers prove that all steps before it are done."""
         self.step, self.done, self.started_s, self.paused_s = step, False, now, 0.0
         self.results = [
-            StepResult(step_name(self._group, k), StepOutcome.DONE, now, None) for k in range(step)
+            StepResult(name, StepOutcome.DONE, now, None) for name in self._group.step_names[:step]
         ]
         self.results.append(StepResult(self.name, StepOutcome.RUNNING, now, None))
 

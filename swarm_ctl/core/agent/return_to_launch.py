@@ -131,7 +131,8 @@ def return_height_m(plan: Plan, agent_id: int) -> float:
     on the ground, and one of three layers above it, a separation apart as far as the fence allows.
     Agents that follow each other in the plan have different ones."""
     rank = [agent.id for agent in plan.agents].index(agent_id)
-    first = next((up_m for step in plan.steps if (up_m := step.climbs_to_m) is not None), 10.0)
+    steps = plan.group_of(agent_id).steps
+    first = next((up_m for step in steps if (up_m := step.climbs_to_m) is not None), 10.0)
     over_m = OVER_M + _CLEAR_M
     first = max(first, over_m if plan.fence is None else min(over_m, plan.fence.height_m - 2.0))
     layers, separation = min(_LAYERS, len(plan.agents)), plan.policies.return_separation_m

@@ -22,7 +22,7 @@ from swarm_ctl.core.control.frame_bounds import FrameBounds, Places
 from swarm_ctl.core.model.formation_frame import STILL, Frame
 from swarm_ctl.core.model.geometry import Point, centred, mean_of, turned
 from swarm_ctl.core.model.messages import AgentState, Phase
-from swarm_ctl.core.model.plan import GroupPlan, Plan
+from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.steps.step import Path, Step
 from swarm_ctl.core.model.timeouts import PREDICT_S
 from swarm_ctl.core.swarm.snapshot import FormationKey, PeerSnapshot
@@ -58,8 +58,8 @@ def rate_towards(
 class Reference:
     """One agent's view of the shared frame, tick by tick."""
 
-    def __init__(self, plan: Plan, group: GroupPlan, own_id: int) -> None:
-        self._plan, self._ids = plan, group.ids
+    def __init__(self, plan: Plan, own_id: int) -> None:
+        self._plan, self._ids = plan, plan.group_of(own_id).ids
         self._own = own_id
         self._places: tuple[Point, ...] = ()
         """The newest shape's slots, centred, in the group's order [units]."""

@@ -20,10 +20,12 @@ from swarm_ctl.core.identification.fit import Leg
 from swarm_ctl.core.model.frames import ned_from_geodetic
 from swarm_ctl.core.model.messages import Outcome, Phase
 from swarm_ctl.core.model.plan import (
+    EVERYONE,
     AgentPlan,
     Compensation,
     Fence,
     Geodetic,
+    GroupPlan,
     LawParameters,
     Limits,
     Plan,
@@ -320,6 +322,12 @@ def _plan(steps: Steps, typical: Response, tick_s: float, here: Geodetic) -> Pla
     box, spare_s = steps.box_m, 30.0
     up_s = spare_s + 3 * steps.height_m
     kappa = 1.0 / tick_s
+    flown = (
+        TakeoffStep(steps.height_m, up_s),
+        FormStep("start", ((0.0, 0.0),), tolerance_m=1.0, settle_s=1.0, timeout_s=spare_s),
+        HoldStep(steps.duration_s, steps.duration_s + spare_s),
+        LandStep(spare_s + 3 * steps.height_m),
+    )
     return Plan(
         name="measure",
         origin=here,
@@ -334,15 +342,9 @@ def _plan(steps: Steps, typical: Response, tick_s: float, here: Geodetic) -> Pla
         limits=Limits(speed_mps=steps.speed_mps),
         policies=Policies(max_speed_mps=2 * steps.speed_mps),
         prepare_timeout_s=30.0,
-        agents=(AgentPlan(_ID, (0.0, 0.0), ()),),
+        groups=(GroupPlan(EVERYONE, (AgentPlan(_ID, (0.0, 0.0), ()),), flown),),
         shapes=(),
         zones=(),
-        steps=(
-            TakeoffStep(steps.height_m, up_s),
-            FormStep("start", ((0.0, 0.0),), tolerance_m=1.0, settle_s=1.0, timeout_s=spare_s),
-            HoldStep(steps.duration_s, steps.duration_s + spare_s),
-            LandStep(spare_s + 3 * steps.height_m),
-        ),
         fence=Fence(
             ((-box, -box), (box, -box), (box, box), (-box, box)), steps.height_m + _HEIGHT_SPARE_M
         ),

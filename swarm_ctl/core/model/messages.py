@@ -159,7 +159,7 @@ class AgentState:
     plan_hash: int
     phase: Phase
     step: int
-    """0 is preparation, k >= 1 is `plan.steps[k - 1]`."""
+    """0 is preparation, k >= 1 is `steps[k - 1]` of the agent's group."""
     done: bool
     airborne: bool
     position_ned_m: Vector3

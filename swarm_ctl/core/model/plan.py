@@ -21,7 +21,7 @@ import json
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated, Any
+from typing import Annotated, Any, Final, NamedTuple
 
 from annotated_types import Ge, Le
 
@@ -33,6 +33,8 @@ from swarm_ctl.core.model.policies import Policy as Policy
 from swarm_ctl.core.model.steps.table import AnyStep
 from swarm_ctl.core.model.zones import Zone as Zone
 
+EVERYONE: Final = "all"
+"""The name of the group of a mission that has no other."""
 _SLOW_LAG_S = 0.7
 _CALM_RATE = 2.0
 
@@ -157,7 +159,7 @@ class ShapePlan:
 @dataclass(frozen=True, slots=True)
 class GroupPlan:
     """Agents, sorted by id, that fly the same steps: with a barrier, a shape, a frame, a graph and
-    roles of their own."""
+    roles of their own. Slots and neighbours in its steps are in the order of `agents`."""
 
     name: str
     agents: tuple[AgentPlan, ...]
@@ -168,11 +170,53 @@ class GroupPlan:
         """Of its agents."""
         return tuple(agent.id for agent in self.agents)
 
+    @property
+    def step_names(self) -> list[str]:
+        """Of all steps, by their numbers."""
+        return [self.step_name(number) for number in range(len(self.steps) + 1)]
+
+    def step_name(self, number: int) -> str:
+        """`prepare` for 0, then the mission file's own words (`form hexagon`); `?` beyond the
+        last."""
+        if not 0 <= number <= len(self.steps):
+            return "?"
+        return self.steps[number - 1].title if number else "prepare"
+
+    def formations(self, unit_m: float) -> list[PlannedFormation]:
+        """Where the formation is planned to stand before the first step (index 0), and after step
+        k (index k, from 1)."""
+        start = PlannedFormation.at_start([agent.start for agent in self.agents], unit_m)
+        accumulated = itertools.accumulate(
+            self.steps, lambda formation, step: step.after(formation), initial=start
+        )
+        return list(accumulated)
+
+
+class PlannedStep(NamedTuple):
+    """One step of a flight: whose it is, and between which formations."""
+
+    plan: Plan
+    group: GroupPlan
+    number: int
+    """In its group, from 1."""
+    step: AnyStep
+    before: PlannedFormation
+    after: PlannedFormation
+
+    @property
+    def name(self) -> str:
+        """`form hexagon`."""
+        return self.step.title
+
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A whole mission, checked. `agents` is sorted by id; `shapes`, by name, are those that may be
-    ordered in flight; `prepare_timeout_s` bounds the wait for a healthy vehicle."""
+    """A whole mission, checked. `shapes`, by name, are those that may be ordered in flight;
+    `prepare_timeout_s` bounds the wait for a healthy vehicle.
+
+    Steps belong to a group. Who means one agent's asks `group_of`; who means all of the flight asks
+    `groups` or `all_steps`.
+    """
 
     name: str
     origin: Geodetic
@@ -185,17 +229,20 @@ class Plan:
     limits: Limits
     policies: Policies
     prepare_timeout_s: float
-    agents: tuple[AgentPlan, ...]
+    groups: tuple[GroupPlan, ...]
+    """Each agent is in one of them."""
     shapes: tuple[ShapePlan, ...]
-    steps: tuple[AnyStep, ...]
     fence: Fence | None
     safety: Safety
     zones: tuple[Zone, ...]
 
     @property
-    def group(self) -> GroupPlan:
-        """All agents, who fly all steps together."""
-        return GroupPlan("all", self.agents, self.steps)
+    def agents(self) -> tuple[AgentPlan, ...]:
+        """Of all groups, sorted by id."""
+        if len(self.groups) == 1:
+            return self.groups[0].agents
+        found = (agent for group in self.groups for agent in group.agents)
+        return tuple(sorted(found, key=lambda agent: agent.id))
 
     def agent(self, agent_id: int) -> AgentPlan:
         """The part of `agent_id`; KeyError where the plan has no such agent."""
@@ -204,14 +251,22 @@ class Plan:
                 return agent
         raise KeyError(agent_id)
 
-    def formations(self) -> list[PlannedFormation]:
-        """Where the formation is planned to stand before the first step (index 0), and after step
-        k (index k, from 1)."""
-        start = PlannedFormation.at_start([agent.start for agent in self.agents], self.unit_m)
-        accumulated = itertools.accumulate(
-            self.steps, lambda formation, step: step.after(formation), initial=start
-        )
-        return list(accumulated)
+    def group_of(self, agent_id: int) -> GroupPlan:
+        """The group that `agent_id` flies in; KeyError where the plan has no such agent."""
+        for group in self.groups:
+            if agent_id in group.ids:
+                return group
+        raise KeyError(agent_id)
+
+    def all_steps(self) -> list[PlannedStep]:
+        """Those of all groups, group by group."""
+        return [
+            PlannedStep(self, group, k, group.steps[k - 1], before, after)
+            for group in self.groups
+            for k, (before, after) in enumerate(
+                itertools.pairwise(group.formations(self.unit_m)), start=1
+            )
+        ]
 
     def hash(self) -> int:
         """A 64-bit fingerprint of the whole plan, the same on every machine (floats rounded to

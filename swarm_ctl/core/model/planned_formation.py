@@ -1,4 +1,4 @@
-"""Where the formation is planned to stand between two steps of a plan (`Plan.formations`).
+"""Where a formation is planned to stand between two steps of its group (`GroupPlan.formations`).
 
 The agents' shared frame, the plan's checks, the forecast and the figures all ask here.
 """
@@ -17,7 +17,7 @@ class PlannedFormation:
     """The formation between two steps; the law alone keeps its centre only roughly."""
 
     slots: tuple[Point, ...]
-    """The newest form step's, in the order of `Plan.agents` [units]; at first the starts."""
+    """The newest form step's, in the order of the group's agents [units]; at first the starts."""
     unit_m: float
     centre_m: Point
     """In the common frame."""
@@ -31,7 +31,7 @@ class PlannedFormation:
 
     @classmethod
     def at_start(cls, starts: Sequence[Point], unit_m: float) -> PlannedFormation:
-        """On the ground; `starts` in units, in the order of `Plan.agents`."""
+        """On the ground; `starts` in units, in the order of the group's agents."""
         north, east = mean_of(starts)
         return cls(tuple(starts), unit_m, (north * unit_m, east * unit_m))
 

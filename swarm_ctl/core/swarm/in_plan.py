@@ -35,10 +35,16 @@ class InPlan:
 
     def __init__(self, plan: Plan) -> None:
         self._hash = plan.hash()
-        self._steps = len(plan.steps)
-        self._ids = frozenset(agent.id for agent in plan.agents)
-        self._legs = [len(step.way_m) for step in plan.steps]
-        """Of each step: how many waypoints can be passed."""
+        self._legs = {
+            agent: [len(step.way_m) for step in group.steps]
+            for group in plan.groups
+            for agent in group.ids
+        }
+        """By agent, of each step of its group: how many waypoints can be passed."""
+        self._members = {agent: len(group.ids) for group in plan.groups for agent in group.ids}
+        """By agent: how many its group has."""
+        self._ids = frozenset(self._legs)
+        self._most_steps = max(map(len, self._legs.values()), default=0)
 
     def own_mission(self, state: AgentState) -> AgentState:
         """The same, without what it says of a mission where that is not this plan's: of an agent
@@ -80,26 +86,28 @@ class InPlan:
                 return self._of_status(payload)
             case SigmaReport():
                 return self._strange(pair.peer for pair in payload.pairs)
-            case Command() if not 0 <= payload.at_step <= self._steps:
-                return f"it names step {payload.at_step}; {self._has_steps}"
+            case Command() if not 0 <= payload.at_step <= self._most_steps:
+                return f"it names step {payload.at_step}; {_has(self._most_steps)}"
         return ""
 
     def of_state(self, state: AgentState) -> str:
         """`unknown` of a state: asked for each one that is heard, so without a search."""
-        if not 0 <= state.step <= self._steps:
-            return f"it is in step {state.step}; {self._has_steps}"
+        legs = self._legs.get(state.agent, ())
+        if not 0 <= state.step <= len(legs):
+            return f"it is in step {state.step}; {_has(len(legs))}"
         if not 0 <= state.stage <= _STAGES:
             return f"its way back is at stage {state.stage}; allowed: 0 to {_STAGES}"
         if state.exchange is not NO_EXCHANGE:
             said = state.exchange
-            odd = said.beyond(len(self._ids))
+            members = self._members.get(state.agent, 0)
+            odd = said.beyond(members)
             if odd is not None:
-                return f"it names place {odd} in the plan; allowed: 0 to {len(self._ids) - 1}"
+                return f"it names place {odd} in the plan; allowed: 0 to {members - 1}"
         frame = state.frame
         if frame is not None and frame.leg and not state.override and state.step:
-            legs = self._legs[state.step - 1]
-            if not 0 <= frame.leg <= max(legs, self._legs[state.step - 2] if state.step > 1 else 0):
-                return f"its formation has passed {frame.leg} waypoints; the step has {legs}"
+            has = legs[state.step - 1]
+            if not 0 <= frame.leg <= max(has, legs[state.step - 2] if state.step > 1 else 0):
+                return f"its formation has passed {frame.leg} waypoints; the step has {has}"
         figures: tuple[float, ...] = (
             *(state.time_s, state.response_s, state.doubt_s),
             *state.position_ned_m,
@@ -112,18 +120,15 @@ class InPlan:
         # one length for all: it is no less than the largest, and most are finite and small
         return "" if math.hypot(*figures) < _MOST else _odd_figure(state)
 
-    @property
-    def _has_steps(self) -> str:
-        return f"the plan has {self._steps} steps"
-
     def _of_status(self, status: AgentStatus) -> str:
-        if not 0 <= status.step <= self._steps:
-            return f"it is in step {status.step}; {self._has_steps}"
-        if len(status.steps) > self._steps + 1:
-            return f"it tells of {len(status.steps)} steps; {self._has_steps}"
-        places = [place for _, place in status.roles if not 0 <= place < len(self._ids)]
+        steps, members = len(self._legs.get(status.agent, ())), self._members.get(status.agent, 0)
+        if not 0 <= status.step <= steps:
+            return f"it is in step {status.step}; {_has(steps)}"
+        if len(status.steps) > steps + 1:
+            return f"it tells of {len(status.steps)} steps; {_has(steps)}"
+        places = [place for _, place in status.roles if not 0 <= place < members]
         if places:
-            return f"it names place {places[0]} in the plan; allowed: 0 to {len(self._ids) - 1}"
+            return f"it names place {places[0]} in the plan; allowed: 0 to {members - 1}"
         nearest = () if status.nearest_agent is None else (status.nearest_agent,)
         named = (*nearest, *status.neighbours, *status.links, *status.doubted, *status.without)
         return self._strange((*named, *(i for i in status.safety.kept_from if i)))
@@ -131,6 +136,10 @@ class InPlan:
     def _strange(self, agents: Iterable[int]) -> str:
         odd = sorted(set(agents) - self._ids)
         return f"it names agent {odd[0]}, which the plan has not" if odd else ""
+
+
+def _has(steps: int) -> str:
+    return f"the plan has {steps} steps"
 
 
 def _odd_figure(payload: object) -> str:

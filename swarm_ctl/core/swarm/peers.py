@@ -14,7 +14,7 @@ from swarm_ctl.core.model.messages import (
     Phase,
     Severity,
 )
-from swarm_ctl.core.model.plan import GroupPlan, Plan, Point
+from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.core.model.vehicle import Contact
 from swarm_ctl.core.swarm.clocks import Clocks
 from swarm_ctl.core.swarm.hearing import hears_all
@@ -28,25 +28,15 @@ _EXPEL: Final = "others make all the way for it; `expel` ends that they follow i
 
 
 class Peers:
-    """All other agents of the plan, in the plan's order. `same_clock`: those on the own clock;
-    `group`: the own one."""
+    """All other agents of the plan, in the plan's order. `same_clock`: those on the own clock."""
 
-    def __init__(
-        self,
-        plan: Plan,
-        own_id: int,
-        same_clock: Container[int] = (),
-        group: GroupPlan | None = None,
-    ) -> None:
-        group = group or plan.group
+    def __init__(self, plan: Plan, own_id: int, same_clock: Container[int] = ()) -> None:
         others = (agent.id for agent in plan.agents if agent.id != own_id)
         self.clocks = Clocks(own_id, others, same_clock)
         limits = BeliefLimits.of(plan)
         near_s = -math.inf if hears_all(plan) else math.inf
         self._by_id = {
-            agent: Peer(
-                agent, clock, limits, group.name if agent in group.ids else "", near_s=near_s
-            )
+            agent: Peer(agent, clock, limits, plan.group_of(agent).name, near_s=near_s)
             for agent, clock in self.clocks.of.items()
         }
         self._near = list(self) if hears_all(plan) else []

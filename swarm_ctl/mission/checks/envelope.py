@@ -55,7 +55,7 @@ def _room_m(plan: Plan) -> float:
 
 def _closest_slots(plan: Plan) -> float:
     """Of all shapes that are formed; infinite for one agent."""
-    shapes = [formation.offsets for formation in plan.formations() if formation.formed]
+    shapes = [at.after.offsets for at in plan.all_steps() if at.after.formed]
     return min(map(smallest_distance, shapes), default=math.inf)
 
 
@@ -71,7 +71,8 @@ def with_usual_speed(mission: MissionFile, plan: Plan) -> MissionFile:
     vehicle, chosen = mission.vehicle, mission.vehicle.limits.model_fields_set
     most_mps = math.sqrt(_STUDIED * plan.response.acceleration_mps2 * _room_m(plan))
     usual_mps = max(0.1, math.floor(10 * most_mps) / 10)
-    needed = [step.path.speed_mps if step.path else 0.0 for step in plan.steps]
+    paths = [at.step.path for at in plan.all_steps()]
+    needed = [path.speed_mps if path else 0.0 for path in paths]
     if "speed_mps" in chosen or not max(needed) <= usual_mps < plan.limits.speed_mps:
         return mission
     limits = vehicle.limits.model_copy(update={"speed_mps": usual_mps})

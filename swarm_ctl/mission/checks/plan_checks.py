@@ -4,35 +4,33 @@ from __future__ import annotations
 
 import itertools
 
-from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.core.model.steps.step import Step
+from swarm_ctl.core.model.plan import Plan, PlannedStep
 from swarm_ctl.core.safety.fence import inside, leaves
 from swarm_ctl.mission.checks import zone_checks
 from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import Findings
 from swarm_ctl.mission.mission_file import MissionFile
-from swarm_ctl.mission.steps.step_kind import Setting
-from swarm_ctl.mission.steps.table import kind_of
+from swarm_ctl.mission.steps.table import kind_of, place_of
 
 
 def check_plan(plan: Plan, mission: MissionFile) -> list[Mistake]:
     """Every mistake that shows only in the plan; its words are those of the mission's file."""
     found: list[Mistake] = []
-    for k, (step, before) in enumerate(zip(plan.steps, plan.formations(), strict=False)):
-        at, place = Setting(plan, before), ("steps", k, step.kind)
-        found += [*kind_of(step).wrong(step, at, place, mission), *_beyond(step, at, place)]
-        found += zone_checks.on_its_way(step, at, place)
+    for at in plan.all_steps():
+        place = place_of(at)
+        found += [*kind_of(at.step).wrong(at.step, at, place, mission), *_beyond(at, place)]
+        found += zone_checks.on_its_way(at, place)
     return [*found, *zone_checks.filtered(plan), *zone_checks.starts(plan)]
 
 
-def _beyond(step: Step, at: Setting, place: Place) -> Findings:
+def _beyond(at: PlannedStep, place: Place) -> Findings:
     """The first agent whose planned place after a step, or whose way there, is outside the fence;
     after a return, its way home."""
     if at.plan.fence is None:
         return
     polygon = at.plan.fence.polygon_m
-    ways = kind_of(step).ways_m(step, at)
-    for agent, way in zip(at.plan.agents, ways, strict=bool(ways)):
+    ways = kind_of(at.step).ways_m(at.step, at)
+    for agent, way in zip(at.group.agents, ways, strict=bool(ways)):
         out = next((corner for corner in way if not inside(polygon, corner)), None)
         if out is None:
             crossing = (b for a, b in itertools.pairwise(way) if leaves(polygon, a, b))

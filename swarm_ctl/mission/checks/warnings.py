@@ -22,8 +22,7 @@ from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import ROUNDING, Findings
 from swarm_ctl.mission.input.units import said
 from swarm_ctl.mission.mission_file import MissionFile
-from swarm_ctl.mission.steps.step_kind import Setting
-from swarm_ctl.mission.steps.table import KINDS, kind_of
+from swarm_ctl.mission.steps.table import KINDS, kind_of, place_of
 
 _SMALLEST_R_IN_M = 1.0
 _WEAK_R_OUT = 3.0
@@ -70,17 +69,16 @@ def _close_starts(mission: MissionFile, plan: Plan) -> Findings:
 
 def _stretched_links(mission: MissionFile, plan: Plan) -> Findings:
     """One warning for each shape, with what would be enough."""
-    ids, r = [agent.id for agent in plan.agents], plan.law.r
-    links = {agent.id: agent.neighbours for agent in plan.agents}
-    befores = plan.formations()
-    for k, (step, before) in enumerate(zip(plan.steps, befores, strict=False)):
-        form = step.new_shape
+    r, links = plan.law.r, {agent.id: agent.neighbours for agent in plan.agents}
+    for at in plan.all_steps():
+        form, ids = at.step.new_shape, at.group.ids
         if form is None:
             continue
         if form.neighbours:
-            links = dict(zip(ids, form.neighbours, strict=True))
+            links |= dict(zip(ids, form.neighbours, strict=True))
         slots = dict(zip(ids, form.slots, strict=True))
-        lengths = sorted((math.dist(slots[i], slots[j]), i, j) for i, j in graph.edges(links))
+        chosen = {i: links[i] for i in ids}
+        lengths = sorted((math.dist(slots[i], slots[j]), i, j) for i, j in graph.edges(chosen))
         beyond = [link for link in lengths if link[0] > r + ROUNDING]
         if not beyond:
             continue
@@ -91,9 +89,9 @@ def _stretched_links(mission: MissionFile, plan: Plan) -> Findings:
             f"{form.shape} stretches {many} {i}-{j} to {length}, beyond"
             f" law.r = {said(r * plan.unit_m, mission)}; r of {length} is enough"
         )
-        if _rechosen_fit(before, slots, r):
+        if _rechosen_fit(at.before, slots, r):
             what += ", or neighbours: rechoose in this step"
-        yield Mistake(("steps", k, step.kind, "shape"), what, "")
+        yield Mistake((*place_of(at), "shape"), what, "")
 
 
 def _rechosen_fit(before: PlannedFormation, slots: dict[int, Point], r: float) -> bool:
@@ -107,61 +105,62 @@ def _rechosen_fit(before: PlannedFormation, slots: dict[int, Point], r: float) -
 
 
 def _long_flight(_mission: MissionFile, plan: Plan) -> Findings:
-    steps = zip(plan.steps, plan.formations(), strict=False)
-    times = [kind_of(step).least_s(step, Setting(plan, before)) for step, before in steps]
-    if sum(times) > _LONG_FLIGHT_S:
-        longest = max(range(len(times)), key=times.__getitem__)
-        what = (
-            f"takes {times[longest]:.0f} s at least, of a flight of {sum(times):.0f} s: most"
-            f" batteries end after about {_LONG_FLIGHT_S:g} s"
-        )
-        yield Mistake(("steps", longest, plan.steps[longest].kind), what, "")
+    for _, steps in itertools.groupby(plan.all_steps(), key=lambda at: at.group.name):
+        times = [(kind_of(at.step).least_s(at.step, at), at) for at in steps]
+        flight_s = sum(least_s for least_s, _ in times)
+        if flight_s > _LONG_FLIGHT_S:
+            longest_s, longest = max(times, key=lambda each: each[0])
+            what = (
+                f"takes {longest_s:.0f} s at least, of a flight of {flight_s:.0f} s: most"
+                f" batteries end after about {_LONG_FLIGHT_S:g} s"
+            )
+            yield Mistake(place_of(longest), what, "")
 
 
 def _far_away(mission: MissionFile, plan: Plan) -> Findings:
     """A fence that is not drawn grows with the mission, so it stops no slip."""
     if mission.fence.polygon is not None:
         return
-    home = plan.formations()[0].centre_m
-    for k, step in enumerate(plan.steps):
-        away_m = max((math.dist(home, point) for point in step.way_m), default=0.0)
+    for at in plan.all_steps():
+        home = at.group.formations(plan.unit_m)[0].centre_m
+        away_m = max((math.dist(home, point) for point in at.step.way_m), default=0.0)
         if away_m > _FAR_M:
             what = (
                 f"goes {said(away_m, mission)} from the starts, out of a pilot's sight; the"
                 " geofence grows with it: draw one in fence.polygon"
             )
-            yield Mistake(("steps", k, step.kind), what, "")
+            yield Mistake(place_of(at), what, "")
 
 
 def _slow(_mission: MissionFile, plan: Plan) -> Findings:
-    for k, step in enumerate(plan.steps):
-        if step.path is not None and step.path.speed_mps < _SLOW_MPS:
-            what = f"{step.path.speed_mps:g} m/s is less than a GPS position drifts"
-            yield Mistake(("steps", k, step.kind, "speed_mps"), what, "")
+    for at in plan.all_steps():
+        if (path := at.step.path) is not None and path.speed_mps < _SLOW_MPS:
+            what = f"{path.speed_mps:g} m/s is less than a GPS position drifts"
+            yield Mistake((*place_of(at), "speed_mps"), what, "")
     if plan.limits.speed_mps < _SLOW_MPS:
         what = f"{plan.limits.speed_mps:g} m/s is less than a GPS position drifts"
         yield Mistake(("vehicle", "limits", "speed_mps"), what, "")
 
 
 def _low(_mission: MissionFile, plan: Plan) -> Findings:
-    for k, step in enumerate(plan.steps):
-        if step.climbs_to_m is not None and step.climbs_to_m < _LOW_M:
-            low = f"{step.climbs_to_m:g} m"
+    for at in plan.all_steps():
+        if (up_m := at.step.climbs_to_m) is not None and up_m < _LOW_M:
+            low = f"{up_m:g} m"
             what = f"{low}: rotors blow back from the ground, and height estimates err"
-            yield Mistake(("steps", k, step.kind, "height_m"), what, "")
+            yield Mistake((*place_of(at), "height_m"), what, "")
 
 
 def _loose_tolerance(mission: MissionFile, plan: Plan) -> Findings:
     """Formed before it is flown."""
-    for k, step in enumerate(plan.steps):
-        if (form := step.new_shape) is not None:
+    for at in plan.all_steps():
+        if (form := at.step.new_shape) is not None:
             apart_m = smallest_distance(form.slots) * plan.unit_m
             if apart_m / 2 < form.tolerance_m:
                 what = (
                     f"{form.tolerance_m:g} m is more than half of what {form.shape}'s slots are"
                     f" apart ({said(apart_m, mission)}): it counts as formed when it is not"
                 )
-                yield Mistake(("steps", k, step.kind, "tolerance_m"), what, "")
+                yield Mistake((*place_of(at), "tolerance_m"), what, "")
 
 
 def _limits_at_once(_mission: MissionFile, plan: Plan) -> Findings:

@@ -7,8 +7,7 @@ import math
 from swarm_ctl.core.agent.return_to_launch import return_height_m
 from swarm_ctl.core.kernel.decide import NearWall
 from swarm_ctl.core.kernel.walls import FENCE
-from swarm_ctl.core.model.plan import AgentPlan, Plan, Point
-from swarm_ctl.core.model.steps.step import Step
+from swarm_ctl.core.model.plan import AgentPlan, Plan, PlannedStep, Point
 from swarm_ctl.core.safety.among_zones import AmongZones
 from swarm_ctl.core.safety.fence import area, crossing_edges
 from swarm_ctl.core.safety.surroundings import Surroundings
@@ -17,7 +16,6 @@ from swarm_ctl.mission.input.findings import Findings
 from swarm_ctl.mission.input.units import metres
 from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.sections.zone_sections import ZoneSection
-from swarm_ctl.mission.steps.step_kind import Setting
 from swarm_ctl.mission.steps.table import kind_of
 
 
@@ -73,37 +71,38 @@ def starts(plan: Plan) -> list[Mistake]:
 
 def _highest_m(plan: Plan, agent: AgentPlan) -> float:
     """Up to which height the vehicle flies over its start."""
-    up_m = max((step.climbs_to_m or 0.0 for step in plan.steps), default=0.0)
-    returns = any(step.goes_home for step in plan.steps)
+    steps = plan.group_of(agent.id).steps
+    up_m = max((step.climbs_to_m or 0.0 for step in steps), default=0.0)
+    returns = any(step.goes_home for step in steps)
     return max(up_m, return_height_m(plan, agent.id)) if returns else up_m
 
 
-def on_its_way(step: Step, at: Setting, place: Place) -> list[Mistake]:
+def on_its_way(at: PlannedStep, place: Place) -> list[Mistake]:
     """The first agent whose planned place after a step, or whose way there, is in a zone, or so
     near to one, or to the fence, that it could not stay there."""
-    plan, before = at.plan, at.before
+    plan, step, before = at.plan, at.step, at.before
     if step.climbs_to_m is not None:
         return []  # over the starts
     low_m, high_m = (0.0 if step.lands_in_place else before.height_m), before.height_m
-    ends_m, around = step.after(before).places_m(), Surroundings.of(plan)
+    ends_m, around = at.after.places_m(), Surroundings.of(plan)
     if step.lands_in_place or ends_m != before.places_m():
-        for agent, end in zip(plan.agents, ends_m, strict=True):
+        for agent, end in zip(at.group.agents, ends_m, strict=True):
             near = _too_near(around, end, low_m, high_m)
             if near is not None and (near.wall.about != FENCE or near.wall.gap > 0.0):
                 does = "would land" if step.lands_in_place else "would be"
                 what = f"agent {agent.id} {does} {_says(around, near)} at {_point(end)}"
                 return [Mistake(place, what, _needs(near))]
-    return _cut_ways(step, at, place)
+    return _cut_ways(at, place)
 
 
-def _cut_ways(step: Step, at: Setting, place: Place) -> list[Mistake]:
-    plan, before = at.plan, at.before
+def _cut_ways(at: PlannedStep, place: Place) -> list[Mistake]:
+    plan, step, before = at.plan, at.step, at.before
     ways = kind_of(step).ways_m(step, at)
     if step.new_shape is not None:
-        ways = list(zip(before.places_m(), step.after(before).places_m(), strict=True))
+        ways = list(zip(before.places_m(), at.after.places_m(), strict=True))
     if step.file is not None:
-        ways = [(before.centre_m, *step.way_m)] * len(plan.agents)
-    for agent, way in zip(plan.agents, ways, strict=False):
+        ways = [(before.centre_m, *step.way_m)] * len(at.group.agents)
+    for agent, way in zip(at.group.agents, ways, strict=False):
         height_m = return_height_m(plan, agent.id) if step.goes_home else before.height_m
         among = AmongZones.of(plan, (before.height_m, height_m))
         cut = among.cut(way)

@@ -39,6 +39,7 @@ def plan_of(mission: MissionFile) -> Plan:
     flies_stop_points = mission.law.compensation is Compensation.STOP_POINT
     safety = mission.safety.planned(**dict.fromkeys(SafetySection.model_fields, flies_stop_points))
     steps = _steps(mission, PlannedFormation.at_start(list(starts.values()), mission.unit_m))
+    agents = tuple(plan.AgentPlan(i, start, near[i]) for i, start in starts.items())
     return Plan(
         name=mission.name,
         origin=mission.origin.planned(),
@@ -51,9 +52,8 @@ def plan_of(mission: MissionFile) -> Plan:
         limits=limits,
         policies=mission.policies.at_speed(limits.speed_mps),
         prepare_timeout_s=mission.prepare_timeout_s,
-        agents=tuple(plan.AgentPlan(i, start, near[i]) for i, start in starts.items()),
+        groups=(plan.GroupPlan(plan.EVERYONE, agents, steps),),
         shapes=_shapes(mission),
-        steps=steps,
         fence=_fence(mission, list(starts.values()), steps),
         safety=safety,
         zones=zones_of(mission),

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from swarm_ctl.core.law.formation import distances, formation_error
-from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.plan import GroupPlan, Plan
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.text import agents_named
@@ -21,15 +21,14 @@ from swarm_ctl.errors import MissionError
 from swarm_ctl.mission.compile.rehearsal import Rehearsal
 from swarm_ctl.mission.input.units import said
 from swarm_ctl.mission.steps.autopilot_times import UP_AND_DOWN
-from swarm_ctl.mission.steps.step_kind import Setting
-from swarm_ctl.mission.steps.table import kind_of
+from swarm_ctl.mission.steps.table import kind_of, place_of
 
 if TYPE_CHECKING:
     from swarm_ctl.mission.compile.loader import LoadedMission
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Links: TypeAlias = Sequence[tuple[int, ...]]
-"""N_i by agent id, in the order of `Plan.agents`."""
+"""N_i by agent id, in the order of the group's agents."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,18 +58,17 @@ class StepForecast:
 
 
 def forecast(plan: Plan, autopilots: Iterable[str] = ("ardupilot",)) -> list[StepForecast]:
-    """Every step in order; take-off and landing as the slowest of the `autopilots` does them."""
+    """Of `Plan.all_steps`; take-off and landing as the slowest of the `autopilots` does them."""
     kinds = [UP_AND_DOWN[name] for name in sorted(set(autopilots))]
-    forms = iter(forecast_forms(plan))
+    forms = iter([form for group in plan.groups for form in forecast_forms(plan, group)])
     found: list[StepForecast] = []
-    for step, before in zip(plan.steps, plan.formations(), strict=False):
-        if step.new_shape is not None:
+    for at in plan.all_steps():
+        if at.step.new_shape is not None:
             form = next(forms)
             found.append(StepForecast(form.formed_s, form))
         else:
-            at = Setting(plan, before)
-            seconds = max(kind_of(step).expected_s(step, at, kind) for kind in kinds)
-            in_time = seconds <= step.timeout_s
+            seconds = max(kind_of(at.step).expected_s(at.step, at, kind) for kind in kinds)
+            in_time = seconds <= at.step.timeout_s
             found.append(StepForecast(seconds if in_time else None, needed_s=seconds))
     return found
 
@@ -79,29 +77,30 @@ def refuse_too_close(loaded: LoadedMission, forecasts: Iterable[StepForecast]) -
     """Raises MissionError, with the form steps in which the forecast has a pair under r_in."""
     plan = loaded.plan
     r_in_m, problems = plan.law.r_in * plan.unit_m, []
-    for k, step in enumerate(forecasts):
-        form = step.form
+    for at, expected in zip(plan.all_steps(), forecasts, strict=True):
+        form = expected.form
         if form is None or form.smallest_pair is None or form.smallest_m >= r_in_m:
             continue
         what = f"{agents_named(form.smallest_pair)} are forecast {form.smallest_m:.2f} m apart"
         least = f"at least law.r_in = {said(r_in_m, loaded.file)}"
         allowed = f"{least}, by other starts or slots, or a lower speed"
-        problems.append(loaded.document.problem(("steps", k, "form"), what, allowed))
+        problems.append(loaded.document.problem(place_of(at), what, allowed))
     if problems:
         raise MissionError(tuple(problems))
 
 
-def forecast_forms(plan: Plan) -> list[FormForecast]:
-    """Every `form` step in order, each from where the one before ended."""
-    starts = [agent.start for agent in plan.agents]
+def forecast_forms(plan: Plan, group: GroupPlan) -> list[FormForecast]:
+    """Every `form` step of a group in order, each from where the one before ended. The other groups
+    are not in its way."""
+    starts = [agent.start for agent in group.agents]
     points, forecasts = np.array(starts, dtype=np.float64), list[FormForecast]()
     formation = PlannedFormation.at_start(starts, plan.unit_m)
-    links: Links = [agent.neighbours for agent in plan.agents]
-    for step in plan.steps:
+    links: Links = [agent.neighbours for agent in group.agents]
+    for step in group.steps:
         formation = step.after(formation)
         if (form := step.new_shape) is not None:
             links = form.neighbours or links
-            points, found = _form(plan, form, points, links, formation.height_m)
+            points, found = _form(plan, group.ids, form, points, links, formation.height_m)
             forecasts.append(found)
             # The law lets the centre drift; the next steps go on from there.
             north, east = (points.mean(axis=0) * plan.unit_m).tolist()
@@ -112,11 +111,11 @@ def forecast_forms(plan: Plan) -> list[FormForecast]:
 
 
 def _form(
-    plan: Plan, step: FormStep, points: Array, links: Links, height_m: float
+    plan: Plan, ids: Sequence[int], step: FormStep, points: Array, links: Links, height_m: float
 ) -> tuple[Array, FormForecast]:
     """The points [units] at the end of a form step that begins at `points`, and its forecast."""
-    swarm = Rehearsal(plan, step, points, links, height_m)
-    slots, ids = np.array(step.slots, dtype=np.float64), [agent.id for agent in plan.agents]
+    swarm = Rehearsal(plan, ids, step, points, links, height_m)
+    slots = np.array(step.slots, dtype=np.float64)
     formed_s, since_s = None, None
     nearest, farthest = np.full(swarm.linked.shape, np.inf), 0.0
     for tick in range(round(step.timeout_s / plan.tick_s)):
@@ -132,6 +131,6 @@ def _form(
         swarm.tick()
     np.fill_diagonal(nearest, np.inf)
     i, j = np.unravel_index(int(np.argmin(nearest)), nearest.shape)
-    pair = (ids[min(i, j)], ids[max(i, j)]) if len(ids) > 1 else None
+    pair = (ids[int(min(i, j))], ids[int(max(i, j))]) if len(ids) > 1 else None
     smallest_m = float(nearest[i, j]) * plan.unit_m
     return points, FormForecast(step.shape, formed_s, smallest_m, pair, farthest * plan.unit_m)

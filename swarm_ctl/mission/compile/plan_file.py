@@ -45,7 +45,7 @@ class PlanAndFleet(BaseModel):
     )
 
     schema_version: Literal[3] = 3
-    """In 1, the plan had no shapes, in 2 no zones."""
+    """In 1, the plan had no shapes; in 2, neither zones nor groups."""
     plan: Plan
     plan_hash: str = Field(pattern=r"^[0-9a-f]{16}$")
     """`Plan.fingerprint`: hexadecimal, because many JSON readers lose a 64-bit integer's last
@@ -63,9 +63,13 @@ class PlanAndFleet(BaseModel):
                 f"plan_hash is {self.plan_hash}, the plan's is {self.plan.fingerprint()}: it was"
                 " changed after it was checked; allowed: a plan as it was written"
             )
-        _refuse_repeated("agent id", (agent.id for agent in self.fleet))
-        _refuse_repeated("sysid", (agent.sysid for agent in self.fleet))
-        ids = [agent.id for agent in self.plan.agents]
+        _refuse_repeated("fleet: agent id", (agent.id for agent in self.fleet))
+        _refuse_repeated("fleet: sysid", (agent.sysid for agent in self.fleet))
+        ids, groups = [agent.id for agent in self.plan.agents], self.plan.groups
+        _refuse_repeated("plan: agent id", ids)
+        _refuse_repeated("plan: group", (group.name for group in groups))
+        if not groups or not all(group.agents for group in groups):
+            raise ValueError("plan: no agents in a group; allowed: groups of one and more")
         if {agent.id for agent in self.fleet} != set(ids):
             raise ValueError(
                 "fleet and plan name different agents; allowed: one entry in the fleet for each of"
@@ -217,7 +221,7 @@ def _tuples(data: Any) -> Any:
     return tuple(map(_tuples, data)) if isinstance(data, list) else data
 
 
-def _refuse_repeated(what: str, numbers: Iterable[int]) -> None:
-    repeated = sorted(number for number, times in Counter(numbers).items() if times > 1)
+def _refuse_repeated(what: str, names: Iterable[int] | Iterable[str]) -> None:
+    repeated = sorted(str(name) for name, times in Counter(names).items() if times > 1)
     if repeated:
-        raise ValueError(f"fleet: {what} {', '.join(map(str, repeated))} more than once")
+        raise ValueError(f"{what} {', '.join(repeated)} more than once")

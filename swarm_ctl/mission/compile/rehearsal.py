@@ -42,22 +42,23 @@ class Rehearsal:
 
     Args:
         plan: what is flown.
+        ids: by whom (n,).
         step: the form step.
-        points: where the agents stand (n, 2) [units].
-        links: N_i by agent id, in the order of `plan.agents`.
+        points: where they stand (n, 2) [units].
+        links: N_i of each, by agent id.
         height_m: above the origin.
     """
 
     def __init__(
         self,
         plan: Plan,
+        ids: Sequence[int],
         step: FormStep,
         points: Floats,
         links: Sequence[tuple[int, ...]],
         height_m: float,
     ) -> None:
-        self._plan, self._unit_m = plan, plan.unit_m
-        self._ids = [agent.id for agent in plan.agents]
+        self._plan, self._unit_m, self._ids = plan, plan.unit_m, ids
         count, of = len(self._ids), plan.law
         self.linked: Bools = np.array([[j in near for j in self._ids] for near in links])
         """j in N_i (n, n)."""

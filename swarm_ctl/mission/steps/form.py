@@ -8,7 +8,7 @@ from pydantic import Field
 
 from swarm_ctl import slot_assignment
 from swarm_ctl.core.law import graph
-from swarm_ctl.core.model.plan import Compensation, Plan
+from swarm_ctl.core.model.plan import Compensation, Plan, PlannedStep
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.mission.geometry.shapes import slots_of
@@ -17,7 +17,7 @@ from swarm_ctl.mission.input.findings import Findings, bad_links, named_parts
 from swarm_ctl.mission.input.near_matches import did_you_mean
 from swarm_ctl.mission.input.units import said
 from swarm_ctl.mission.sections.section import Links, Name, Timeout
-from swarm_ctl.mission.steps.step_kind import Checks, Mission, Setting, StepKind, TimedSection
+from swarm_ctl.mission.steps.step_kind import Checks, Mission, StepKind, TimedSection
 
 
 class FormSection(TimedSection):
@@ -96,9 +96,9 @@ class Form(StepKind[FormSection, FormStep]):
     def needed_s(self, written: FormSection, mission: Mission) -> float:
         return written.settle_s
 
-    def wrong(self, step: FormStep, at: Setting, place: Place, mission: Mission) -> Findings:
+    def wrong(self, step: FormStep, at: PlannedStep, place: Place, mission: Mission) -> Findings:
         """Neighbours that are chosen anew are connected."""
-        plan, ids = at.plan, [agent.id for agent in at.plan.agents]
+        plan, ids = at.plan, [agent.id for agent in at.group.agents]
         chosen = dict(zip(ids, step.neighbours, strict=True)) if step.neighbours else {}
         parts = graph.components(chosen)
         if len(parts) > 1:

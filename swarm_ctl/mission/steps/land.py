@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import ClassVar, Final
 
+from swarm_ctl.core.model.plan import PlannedStep
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.land import LandStep
 from swarm_ctl.mission.sections.section import Timeout
 from swarm_ctl.mission.steps.autopilot_times import UpAndDown
-from swarm_ctl.mission.steps.step_kind import Mission, Setting, StepKind, StepSection
+from swarm_ctl.mission.steps.step_kind import Mission, StepKind, StepSection
 
 _DISARM_S: Final = 60.0
 _TOUCHDOWN_MPS: Final = 0.5
@@ -36,7 +37,7 @@ class Land(StepKind[LandSection, LandStep]):
     def needed_s(self, written: LandSection, mission: Mission) -> float:
         return fastest_s(mission)
 
-    def expected_s(self, step: LandStep, at: Setting, autopilot: UpAndDown) -> float:
+    def expected_s(self, step: LandStep, at: PlannedStep, autopilot: UpAndDown) -> float:
         """The autopilot's own landing."""
         return autopilot.landing_s(at.before.height_m)
 

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Final
 from pydantic import Field
 
 from swarm_ctl.core.control.in_file import GAP, gap_m
-from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.model.plan import Plan, PlannedStep, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.mission.input.document import Mistake, Place
@@ -17,7 +17,7 @@ from swarm_ctl.mission.input.findings import Findings
 from swarm_ctl.mission.sections.section import NorthEast
 from swarm_ctl.mission.steps.among_zones import among_zones
 from swarm_ctl.mission.steps.autopilot_times import UpAndDown
-from swarm_ctl.mission.steps.step_kind import Checks, Mission, Setting
+from swarm_ctl.mission.steps.step_kind import Checks, Mission
 from swarm_ctl.mission.steps.travel import Pace, Travel, TravelSection, too_fast
 
 MAX_DISTANCE_M: Final = 5000.0
@@ -66,7 +66,7 @@ class Move(Travel[MoveSection, MoveStep]):
         file_m = GAP * mission.law.r_out * mission.unit_m * len(mission.agents)
         return replace(step, timeout_s=step.timeout_s + 30 + 2 * file_m / step.speed_mps)
 
-    def expected_s(self, step: MoveStep, at: Setting, autopilot: UpAndDown) -> float:
+    def expected_s(self, step: MoveStep, at: PlannedStep, autopilot: UpAndDown) -> float:
         """The last one sets out when the others are on their way."""
         seconds = super().expected_s(step, at, autopilot)
         if step.file is None:
@@ -80,7 +80,7 @@ class Move(Travel[MoveSection, MoveStep]):
         how = "move" if step.file is None else "move in file"
         return f"{how} to {corners} m at {step.speed_mps:g} m/s"
 
-    def wrong(self, step: MoveStep, at: Setting, place: Place, mission: Mission) -> Findings:
+    def wrong(self, step: MoveStep, at: PlannedStep, place: Place, mission: Mission) -> Findings:
         """The common frame is flat."""
         for centre in step.waypoints_m if at.plan.fence is not None else ():
             if math.hypot(*centre) > MAX_DISTANCE_M:

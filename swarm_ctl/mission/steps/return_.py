@@ -7,13 +7,13 @@ from typing import ClassVar, Final
 
 from swarm_ctl.core.agent.return_to_launch import return_height_m
 from swarm_ctl.core.kernel.constraints import margins_of
-from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.model.plan import Plan, PlannedStep, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.return_ import ReturnStep
 from swarm_ctl.mission.sections.section import Timeout
 from swarm_ctl.mission.steps.autopilot_times import UpAndDown
 from swarm_ctl.mission.steps.land import fastest_s, generous_s
-from swarm_ctl.mission.steps.step_kind import Mission, Setting, StepKind, TimedSection
+from swarm_ctl.mission.steps.step_kind import Mission, StepKind, TimedSection
 
 _TURN_S: Final = 4.0
 """Of the way back: settling at its height, braking, coming to rest over the start."""
@@ -50,12 +50,12 @@ class Return(StepKind[ReturnSection, ReturnStep]):
     def needed_s(self, written: ReturnSection, mission: Mission) -> float:
         return fastest_s(mission)
 
-    def least_s(self, step: ReturnStep, at: Setting) -> float:
-        starts_m = at.plan.formations()[0].places_m()
+    def least_s(self, step: ReturnStep, at: PlannedStep) -> float:
+        starts_m = at.group.formations(at.plan.unit_m)[0].places_m()
         ways_m = sum(map(math.dist, at.before.places_m(), starts_m))
         return ways_m / at.plan.policies.return_speed_mps
 
-    def expected_s(self, step: ReturnStep, at: Setting, autopilot: UpAndDown) -> float:
+    def expected_s(self, step: ReturnStep, at: PlannedStep, autopilot: UpAndDown) -> float:
         """All fly at once; who starts within the filter's distance of another waits until that one
         is down."""
         plan, limits, speed = at.plan, at.plan.limits, at.plan.policies.return_speed_mps
@@ -72,8 +72,8 @@ class Return(StepKind[ReturnSection, ReturnStep]):
             down_s[k] = max([home_s[k], *near]) + autopilot.landing_s(heights[k])
         return max(down_s.values())
 
-    def ways_m(self, step: ReturnStep, at: Setting) -> list[tuple[Point, ...]]:
+    def ways_m(self, step: ReturnStep, at: PlannedStep) -> list[tuple[Point, ...]]:
         """To the own start."""
         unit = at.plan.unit_m
-        starts = [(n * unit, e * unit) for n, e in (agent.start for agent in at.plan.agents)]
+        starts = [(n * unit, e * unit) for n, e in (agent.start for agent in at.group.agents)]
         return list(zip(at.before.places_m(), starts, strict=True))

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pydantic import Field
 
 from swarm_ctl.core.law.formation import smallest_distance
-from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.plan import Plan, PlannedStep
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.scale import ScaleStep
 from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import ROUNDING, Findings
 from swarm_ctl.mission.input.units import enough, said
-from swarm_ctl.mission.steps.step_kind import Mission, Setting
+from swarm_ctl.mission.steps.step_kind import Mission
 from swarm_ctl.mission.steps.travel import Pace, Travel, TravelSection
 
 
@@ -35,7 +35,7 @@ class Scale(Travel[ScaleSection, ScaleStep]):
     def words(self, step: ScaleStep, plan: Plan) -> str:
         return f"scale to {step.factor:g} at {step.speed_mps:g} m/s"
 
-    def wrong(self, step: ScaleStep, at: Setting, place: Place, mission: Mission) -> Findings:
+    def wrong(self, step: ScaleStep, at: PlannedStep, place: Place, mission: Mission) -> Findings:
         """No two slots come too close."""
         plan = at.plan
         r_out, apart = plan.law.r_out, smallest_distance(step.after(at.before).offsets)

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeAlias, TypeVar
 
-from swarm_ctl.core.model.plan import Plan, Point, Policy
+from swarm_ctl.core.model.plan import Plan, PlannedStep, Point, Policy
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.mission.input.document import Place
@@ -44,13 +44,6 @@ class TimedSection(StepSection):
     """What to do after `timeout_s`: land, return, hold, or continue with the next step."""
 
 
-class Setting(NamedTuple):
-    """Where a step stands."""
-
-    plan: Plan
-    before: PlannedFormation
-
-
 S = TypeVar("S", bound=StepSection)
 P = TypeVar("P", bound=Step)
 
@@ -85,7 +78,7 @@ class StepKind(ABC, Generic[S, P]):
         """What may be a slip."""
         yield from ()
 
-    def wrong(self, step: P, at: Setting, place: Place, mission: Mission) -> Findings:
+    def wrong(self, step: P, at: PlannedStep, place: Place, mission: Mission) -> Findings:
         """What shows only in the plan."""
         yield from ()
 
@@ -93,15 +86,15 @@ class StepKind(ABC, Generic[S, P]):
         """What it does, for `validate`."""
         return step.title
 
-    def ways_m(self, step: P, at: Setting) -> list[tuple[Point, ...]]:
+    def ways_m(self, step: P, at: PlannedStep) -> list[tuple[Point, ...]]:
         """The way of each agent, as corners in the common frame; empty: all stay."""
         return step.ways_m(at.before)
 
-    def least_s(self, step: P, at: Setting) -> float:
+    def least_s(self, step: P, at: PlannedStep) -> float:
         """How long it takes at its speed; a form step settles, a landing takes nothing."""
         return step.lasts_s or (step.settling.settle_s if step.settling else 0.0)
 
-    def expected_s(self, step: P, at: Setting, autopilot: UpAndDown) -> float:
+    def expected_s(self, step: P, at: PlannedStep, autopilot: UpAndDown) -> float:
         """How long it takes as vehicles fly it."""
         return self.least_s(step, at)
 

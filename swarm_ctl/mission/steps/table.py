@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 from pydantic import ConfigDict, Field, create_model, model_validator
 
+from swarm_ctl.core.model.plan import PlannedStep
 from swarm_ctl.core.model.steps.step import Step
+from swarm_ctl.mission.input.document import Place
 from swarm_ctl.mission.sections.section import Section
 from swarm_ctl.mission.steps.form import Form
 from swarm_ctl.mission.steps.hold import Hold
@@ -36,6 +38,11 @@ LAST: Final = tuple(sorted(name for name, kind in KINDS.items() if kind.ends))
 def kind_of(step: Step) -> AnyKind:
     """What is known of this step's kind."""
     return KINDS[step.kind]
+
+
+def place_of(at: PlannedStep) -> Place:
+    """Where the mission file has this step."""
+    return ("steps", at.number - 1, at.step.kind)
 
 
 class _Entry(Section):

@@ -6,14 +6,14 @@ from typing import ClassVar, Final
 
 from pydantic import Field
 
-from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.plan import Plan, PlannedStep
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import Findings
 from swarm_ctl.mission.sections.section import Timeout
 from swarm_ctl.mission.steps.autopilot_times import UpAndDown
-from swarm_ctl.mission.steps.step_kind import Mission, Setting, StepKind, TimedSection
+from swarm_ctl.mission.steps.step_kind import Mission, StepKind, TimedSection
 
 _SPOOL_UP_S: Final = 30.0
 
@@ -49,14 +49,14 @@ class Takeoff(StepKind[TakeoffSection, TakeoffStep]):
     def needed_s(self, written: TakeoffSection, mission: Mission) -> float:
         return written.height_m / mission.vehicle.limits.planned().climb_mps
 
-    def least_s(self, step: TakeoffStep, at: Setting) -> float:
+    def least_s(self, step: TakeoffStep, at: PlannedStep) -> float:
         return step.height_m / at.plan.limits.climb_mps
 
-    def expected_s(self, step: TakeoffStep, at: Setting, autopilot: UpAndDown) -> float:
+    def expected_s(self, step: TakeoffStep, at: PlannedStep, autopilot: UpAndDown) -> float:
         """The autopilot's own climb."""
         return autopilot.arm_s + step.height_m / autopilot.climb_mps
 
-    def wrong(self, step: TakeoffStep, at: Setting, place: Place, mission: Mission) -> Findings:
+    def wrong(self, step: TakeoffStep, at: PlannedStep, place: Place, mission: Mission) -> Findings:
         """The geofence has a ceiling."""
         if at.plan.fence is not None and step.height_m > at.plan.fence.height_m:
             what = f"{step.height_m:g} m is above the geofence"

@@ -7,14 +7,14 @@ from typing import ClassVar, NamedTuple, TypeVar
 
 from pydantic import Field
 
-from swarm_ctl.core.model.plan import Policy, Response
+from swarm_ctl.core.model.plan import PlannedStep, Policy, Response
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.step import Path
 from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import Findings, too_short
 from swarm_ctl.mission.sections.section import Timeout
 from swarm_ctl.mission.steps.autopilot_times import UpAndDown
-from swarm_ctl.mission.steps.step_kind import Checks, Mission, Setting, StepKind, TimedSection
+from swarm_ctl.mission.steps.step_kind import Checks, Mission, StepKind, TimedSection
 
 
 class TravelSection(TimedSection):
@@ -70,17 +70,17 @@ class Travel(StepKind[T, W]):
         timeout_s = written.timeout_s or 30 + written.settle_s + 2 * way_m / speed_mps
         return self.led(written, mission, before, pace._replace(timeout_s=timeout_s))
 
-    def least_s(self, step: W, at: Setting) -> float:
+    def least_s(self, step: W, at: PlannedStep) -> float:
         return sum(step.legs_m(at.before)) / step.speed_mps + step.settle_s
 
-    def expected_s(self, step: W, at: Setting, autopilot: UpAndDown) -> float:
+    def expected_s(self, step: W, at: PlannedStep, autopilot: UpAndDown) -> float:
         """Vehicles follow their stop points by dead time and lag."""
         response, ways_m = at.plan.response, step.legs_m(at.before)
         legs_s = sum(_leg_s(response, step.speed_mps, way_m) for way_m in ways_m)
         late_s = response.dead_time_s + response.lag_s
         return legs_s + late_s + step.settle_s
 
-    def wrong(self, step: W, at: Setting, place: Place, mission: Mission) -> Findings:
+    def wrong(self, step: W, at: PlannedStep, place: Place, mission: Mission) -> Findings:
         """Its time suffices."""
         yield from too_short(place, step.timeout_s, self.least_s(step, at))
 

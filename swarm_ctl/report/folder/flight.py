@@ -65,6 +65,12 @@ class Flight:
         names = ("time_s", "position_ned_m", "descent_mps", "armed", "airborne", "live", "doubt_m")
         return replace(self, **{name: getattr(self, name)[inside] for name in names})
 
+    def of(self, columns: list[int]) -> Flight:
+        """Of these agents alone."""
+        names = ("position_ned_m", "descent_mps", "armed", "airborne", "live", "doubt_m")
+        chosen = {name: getattr(self, name)[:, columns] for name in names}
+        return replace(self, **chosen, sources=tuple(self.sources[k] for k in columns))
+
 
 def no_flight(agents: int) -> Flight:
     """Of a run of which nothing is known."""

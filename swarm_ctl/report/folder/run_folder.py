@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from swarm_ctl.core.model.messages import AgentStatus, StepOutcome
-from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.plan import GroupPlan, Plan
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.swarm.in_plan import InPlan
 from swarm_ctl.errors import InputError
@@ -22,6 +22,58 @@ from swarm_ctl.report.folder.last_statuses import LastStatus, read_last_statuses
 from swarm_ctl.report.folder.manifest import Manifest, read_manifest
 from swarm_ctl.report.folder.tracks import Track, read_tracks
 from swarm_ctl.report.folder.truth import TRUTH, Floats, Truth, load_truth
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlownGroup:
+    """What became of one group of the plan."""
+
+    plan: GroupPlan
+    columns: list[int]
+    """Of its agents in the run's flight."""
+    last: dict[int, LastStatus]
+
+    @property
+    def form_steps(self) -> list[int]:
+        """The numbers of its form steps, from 1."""
+        steps = enumerate(self.plan.steps, 1)
+        return [k for k, step in steps if step.new_shape is not None]
+
+    @property
+    def begun(self) -> list[int]:
+        """The numbers of the steps that an agent of it began."""
+        return [k for k in range(len(self.plan.steps) + 1) if math.isfinite(self.start_s(k))]
+
+    def slot_indices(self, time_s: Floats) -> npt.NDArray[np.intp]:
+        """The slot index of each of its agents at each moment, (T, n); exchanges change it."""
+        found = np.tile(np.arange(len(self.plan.ids)), (len(time_s), 1))
+        for k, agent in enumerate(self.plan.ids):
+            for since_s, index in self.last[agent].status.roles if agent in self.last else ():
+                if 0 <= index < len(self.plan.ids):
+                    found[time_s >= since_s, k] = index
+        return found
+
+    def start_s(self, k: int) -> float:
+        """When the first of its agents began step k; inf: none did.
+
+        A process that took a vehicle over has not seen the beginning, and has its own clock.
+        """
+        whole = [last for last in self.last.values() if not last.successor]
+        found = (last.step(k) for last in whole or self.last.values())
+        return min((result.start_s for result in found if result), default=math.inf)
+
+    def landing_s(self) -> float:
+        """When its landing began, by plan or because an agent of the formation broke its step off;
+        inf: unknown."""
+        planned = (self.start_s(k) for k, step in enumerate(self.plan.steps, 1) if step.goes_down)
+        broken = (
+            result.end_s
+            for status in (last.status for last in self.last.values())
+            for result in (status.steps if status.left is None else ())
+            if result.result in (StepOutcome.ABORTED, StepOutcome.TIMEOUT)
+            and result.end_s is not None
+        )
+        return min([*planned, *broken], default=math.inf)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,42 +103,21 @@ class RunFolder:
         return [last.status for last in self.last.values()]
 
     @property
-    def form_steps(self) -> list[int]:
-        """The numbers of the plan's form steps, from 1."""
-        steps = enumerate(self.plan.steps if self.plan else (), 1)
-        return [k for k, step in steps if step.new_shape is not None]
-
-    def slot_indices(self, time_s: Floats) -> npt.NDArray[np.intp]:
-        """The slot index of each agent at each moment, (T, n); exchanges change it."""
-        found = np.tile(np.arange(len(self.agents)), (len(time_s), 1))
-        for k, agent in enumerate(self.agents):
-            for since_s, index in self.last[agent].status.roles if agent in self.last else ():
-                if 0 <= index < len(self.agents):
-                    found[time_s >= since_s, k] = index
-        return found
-
-    def start_s(self, k: int) -> float:
-        """When the first agent began step k; inf: no agent did.
-
-        A process that took a vehicle over has not seen the beginning, and has its own clock.
-        """
-        whole = [last for last in self.last.values() if not last.successor]
-        found = (last.step(k) for last in whole or self.last.values())
-        return min((result.start_s for result in found if result), default=math.inf)
+    def groups(self) -> list[FlownGroup]:
+        """Those of the plan; none without a manifest."""
+        column = {agent: k for k, agent in enumerate(self.agents)}
+        return [
+            FlownGroup(
+                group,
+                [column[i] for i in group.ids],
+                {i: self.last[i] for i in group.ids if i in self.last},
+            )
+            for group in (self.plan.groups if self.plan else ())
+        ]
 
     def landing_s(self) -> float:
-        """When the landing began, by plan or because an agent of the formation broke its step off;
-        inf: unknown."""
-        steps = self.plan.steps if self.plan else ()
-        planned = (self.start_s(k) for k, step in enumerate(steps, 1) if step.goes_down)
-        broken = (
-            result.end_s
-            for status in self.statuses
-            for result in (status.steps if status.left is None else ())
-            if result.result in (StepOutcome.ABORTED, StepOutcome.TIMEOUT)
-            and result.end_s is not None
-        )
-        return min([*planned, *broken], default=math.inf)
+        """When the last group's landing began; inf: unknown."""
+        return max((group.landing_s() for group in self.groups), default=math.inf)
 
 
 def read_run(folder: Path, killed: Collection[int] = ()) -> RunFolder:

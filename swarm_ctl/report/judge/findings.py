@@ -11,7 +11,6 @@ from typing import Final
 
 import numpy as np
 
-from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.core.model.text import agents_named
@@ -86,15 +85,15 @@ def _headline(run: RunFolder, found: list[Finding]) -> str:
     first, *others = found
     agents = {agent for finding in others for agent in finding.agents}
     more = f" (and {len(others)} more: {agents_named(agents)})" if others else ""
-    return f"{first.text}, {_step_at(run, first.time_s)}{more}"
+    return f"{first.text}, {_step_at(run, first)}{more}"
 
 
-def _step_at(run: RunFolder, time_s: float) -> str:
-    plan = run.plan
-    begun = [k for k in range(len(plan.steps) + 1) if run.start_s(k) <= time_s] if plan else []
-    if plan is None or not begun:
-        return "before the first step"
-    return f"in step {begun[-1]} ({step_name(plan, begun[-1])})"
+def _step_at(run: RunFolder, found: Finding) -> str:
+    for group in run.groups:
+        begun = [k for k in group.begun if group.start_s(k) <= found.time_s]
+        if begun and found.agents[0] in group.plan.ids:
+            return f"in step {begun[-1]} ({group.plan.step_name(begun[-1])})"
+    return "before the first step"
 
 
 # --- pairs ---
@@ -216,15 +215,18 @@ def _landing(run: RunFolder, plan: Plan, k: int, events: list[TruthEvent]) -> It
     last = run.last.get(agent)
     if last is None or flight is None or last.status.outcome is not Outcome.COMPLETED:
         return
-    numbers = [j for j, s in enumerate(plan.steps, 1) if s.goes_down]
-    begun_s = run.start_s(numbers[0]) if numbers else math.inf
+    (group,) = (each for each in run.groups if agent in each.plan.ids)
+    steps = group.plan.steps
+    numbers = [j for j, s in enumerate(steps, 1) if s.goes_down]
+    begun_s = group.start_s(numbers[0]) if numbers else math.inf
     if not math.isfinite(begun_s):
         return
-    up = [j + 1 for j, s in enumerate(plan.steps, 1) if s.climbs_to_m is not None]
+    up = [j + 1 for j, s in enumerate(steps, 1) if s.climbs_to_m is not None]
+    flies_s = group.start_s(up[0]) if up else math.inf
     early = [
         event.time_s
         for event in events
-        if event.event == EventKind.TOUCHDOWN and up and run.start_s(up[0]) < event.time_s < begun_s
+        if event.event == EventKind.TOUCHDOWN and flies_s < event.time_s < begun_s
     ]
     if early:
         text = f"{_vehicle(agent)} came down at {early[0]:.1f} s, before its landing"
@@ -236,7 +238,7 @@ def _landing(run: RunFolder, plan: Plan, k: int, events: list[TruthEvent]) -> It
         return
     sunk_m = flight.position_ned_m[after, k, 2]
     stands = after[: max(1, int(np.argmax(sunk_m > sunk_m[0] + _SINKS_M)))]
-    home = plan.steps[numbers[0] - 1].goes_home
+    home = steps[numbers[0] - 1].goes_home
     north, east = plan.agent(agent).start
     place: Point = (north * plan.unit_m, east * plan.unit_m)
     if not home:

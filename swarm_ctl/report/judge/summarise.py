@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.law.graph import edges
 from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.fleet import SigningPolicy
@@ -21,7 +20,7 @@ from swarm_ctl.report.folder import metrics
 from swarm_ctl.report.folder.flight import TrackSource
 from swarm_ctl.report.folder.last_statuses import read_events, read_troubles
 from swarm_ctl.report.folder.manifest import Manifest
-from swarm_ctl.report.folder.run_folder import RunFolder, read_run
+from swarm_ctl.report.folder.run_folder import FlownGroup, RunFolder, read_run
 from swarm_ctl.report.folder.truth import Floats, Truth
 from swarm_ctl.report.judge.distances import PairDistance, pair_distances
 from swarm_ctl.report.judge.doubts import doubts
@@ -122,7 +121,7 @@ def summary_of(
         judged_by=dict(zip(run.agents, run.flight.sources, strict=True)) if run.flight else {},
         protection=_protection(run),
         steps=steps,
-        time_to_form_s=next((steps[k].time_to_form_s for k in run.form_steps), None),
+        time_to_form_s=_first_forming_s(run, steps),
         sigma_status=dict(tally),
         overspeed=sum(s.overspeed_ticks for s in statuses),
         safety=_safety(run),
@@ -206,12 +205,24 @@ def _of_manifest(manifest: Manifest | None) -> dict[str, Any]:
 
 
 def _steps(run: RunFolder) -> tuple[StepSummary, ...]:
-    plan = run.plan
-    return tuple(_step(run, plan, k) for k in range(len(plan.steps) + 1)) if plan else ()
+    return tuple(
+        _step(run, group, k) for group in run.groups for k in range(len(group.plan.steps) + 1)
+    )
 
 
-def _step(run: RunFolder, plan: Plan, k: int) -> StepSummary:
-    results = {i: run.last[i].step(k) if i in run.last else None for i in run.agents}
+def _first_forming_s(run: RunFolder, steps: Sequence[StepSummary]) -> float | None:
+    """Of the first form step; of several groups, the slowest."""
+    rest, found = iter(steps), list[float | None]()
+    for group in run.groups:
+        own = list(itertools.islice(rest, len(group.plan.steps) + 1))
+        found += [own[k].time_to_form_s for k in group.form_steps[:1]]
+    known = [each for each in found if each is not None]
+    return max(known) if known and len(known) == len(found) else None
+
+
+def _step(run: RunFolder, group: FlownGroup, k: int) -> StepSummary:
+    last = group.last
+    results = {i: last[i].step(k) if i in last else None for i in group.plan.ids}
     verdicts = {i: _verdict(found) for i, found in results.items()}
     reached = [found for found in results.values() if found]
     undone = {i: each for i, each in verdicts.items() if each is not StepVerdict.DONE}
@@ -221,12 +232,12 @@ def _step(run: RunFolder, plan: Plan, k: int) -> StepSummary:
     worst = min(stayed, key=_FROM_BAD_TO_GOOD.index, default=StepVerdict.NOT_REACHED)
     return StepSummary(
         step=k,
-        name=step_name(plan, k),
+        name=group.plan.step_name(k),
         result=worst,
         start_s=start_s,
         end_s=max((found.end_s for found in reached if found.end_s is not None), default=None),
         exceptions=undone if reached else {},
-        time_to_form_s=_time_to_form(run, plan, k, start_s),
+        time_to_form_s=_time_to_form(run, group, k, start_s),
     )
 
 
@@ -234,14 +245,14 @@ def _verdict(found: StepResult | None) -> StepVerdict:
     return StepVerdict(found.result) if found else StepVerdict.NOT_REACHED
 
 
-def _time_to_form(run: RunFolder, plan: Plan, k: int, start_s: float | None) -> float | None:
-    step = plan.steps[k - 1].new_shape if k else None
-    flight = run.flight
-    if step is None or start_s is None or flight is None:
+def _time_to_form(run: RunFolder, group: FlownGroup, k: int, start_s: float | None) -> float | None:
+    step = group.plan.steps[k - 1].new_shape if k else None
+    if step is None or start_s is None or run.flight is None or run.plan is None:
         return None
-    later = [j for j in run.form_steps if j > k]
-    end_s = min([run.landing_s(), *(run.start_s(j) for j in later[:1])])
-    slots_m = _in_metres(plan, step.slots)[run.slot_indices(flight.time_s)]
+    flight = run.flight.of(group.columns)
+    later = [j for j in group.form_steps if j > k]
+    end_s = min([group.landing_s(), *(group.start_s(j) for j in later[:1])])
+    slots_m = _in_metres(run.plan, step.slots)[group.slot_indices(flight.time_s)]
     error_m = metrics.formation_error(flight, slots_m)
     return metrics.time_to_settle(
         flight.time_s, error_m, start_s, end_s, step.tolerance_m, step.settle_s
@@ -256,23 +267,34 @@ def _flown(run: RunFolder) -> dict[str, Any]:
     found: dict[str, Any] = dict.fromkeys(
         ("formation_error_m", "longest_link_m", "longest_link_pair")
     )
-    flight, plan = run.flight, run.plan
-    begun = [k for k in range(1, len(plan.steps) + 1) if run.start_s(k) < math.inf] if plan else []
-    forms = [k for k in run.form_steps if k in begun]
-    if flight is None or plan is None or not forms:
-        return found
-    flight = flight.during(run.start_s(forms[0]), run.landing_s())
-    # The newest shape, turned and scaled as planned.
-    slots_m = _in_metres(plan, plan.formations()[begun[-1]].offsets)
-    error_m = metrics.formation_error(flight, slots_m[run.slot_indices(flight.time_s)])
-    found["formation_error_m"] = metrics.last_number(error_m)
-    column = {agent.id: k for k, agent in enumerate(plan.agents)}
-    links = edges({agent.id: agent.neighbours for agent in plan.agents})
-    longest = metrics.longest_link(flight, [(column[a], column[b]) for a, b in links])
+    groups = [_flown_by(run, group) for group in run.groups]
+    errors_m = [error_m for error_m, _ in groups if error_m is not None]
+    longest = max((link for _, link in groups if link is not None), default=None)
+    found["formation_error_m"] = max(errors_m, default=None)
     if longest is not None:
-        found["longest_link_m"], (i, j) = longest
-        found["longest_link_pair"] = (plan.agents[i].id, plan.agents[j].id)
+        found["longest_link_m"], found["longest_link_pair"] = longest
     return found
+
+
+def _flown_by(
+    run: RunFolder, group: FlownGroup
+) -> tuple[float | None, tuple[float, tuple[int, int]] | None]:
+    """The last formation error [m], and the longest link [m] with its agents; None: not known."""
+    forms = [k for k in group.form_steps if k in group.begun]
+    if run.flight is None or run.plan is None or not forms:
+        return None, None
+    flight = run.flight.during(group.start_s(forms[0]), group.landing_s()).of(group.columns)
+    # The newest shape, turned and scaled as planned.
+    formation = group.plan.formations(run.plan.unit_m)[group.begun[-1]]
+    slots_m = _in_metres(run.plan, formation.offsets)
+    error_m = metrics.formation_error(flight, slots_m[group.slot_indices(flight.time_s)])
+    ids = group.plan.ids
+    links = edges({agent.id: agent.neighbours for agent in group.plan.agents})
+    longest = metrics.longest_link(flight, [(ids.index(a), ids.index(b)) for a, b in links])
+    if longest is None:
+        return metrics.last_number(error_m), None
+    length_m, (i, j) = longest
+    return metrics.last_number(error_m), (length_m, (ids[i], ids[j]))
 
 
 def _in_metres(plan: Plan, slots: Sequence[Point]) -> Floats:

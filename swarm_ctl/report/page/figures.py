@@ -47,11 +47,14 @@ def tracks(history: RunHistory) -> Figure | None:
 
 
 def _shape(history: RunHistory) -> list[tuple[int, int]]:
-    """Pairs of agents that are adjacent in the last shape that was flown."""
-    steps = range(1, len(history.plan.steps) + 1)
-    begun = [k for k in steps if np.isfinite(history.run.start_s(k))]
-    formation = history.plan.formations()[max(begun, default=0)]
-    return hull_order(np.array(formation.offsets).T) if formation.formed else []
+    """Pairs of agents that are adjacent in the last shape that their group flew."""
+    found = []
+    for group in history.run.groups:
+        formations = group.plan.formations(history.plan.unit_m)
+        formation, at = formations[max(group.begun, default=0)], group.columns
+        pairs = hull_order(np.array(formation.offsets).T) if formation.formed else []
+        found += [(at[i], at[j]) for i, j in pairs]
+    return found
 
 
 def nearest(history: RunHistory) -> Figure | None:

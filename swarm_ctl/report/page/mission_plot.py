@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.model.geometry import mean_of
 from swarm_ctl.core.model.plan import Plan, Point
@@ -57,13 +56,12 @@ def _draw(plan: Plan, axes: Any) -> None:
 
 def _draw_steps(plan: Plan, axes: Any) -> None:
     """Shapes are drawn where the centre is planned to be: the law alone keeps it only roughly."""
-    formations = plan.formations()
-    for k, (step, before) in enumerate(zip(plan.steps, formations, strict=False), start=1):
-        label, after = f"{k} {step_name(plan, k)}", formations[k]
-        if step.way_m:
-            axes.plot(*_east_north([before.centre_m, *step.way_m]), lw=1.5, label=label)
-        elif step.new_shape is not None or step.spins:
-            axes.scatter(*_east_north(after.places_m()), marker="x", label=label, zorder=2)
+    for at in plan.all_steps():
+        label = f"{at.number} {at.name}"
+        if way_m := at.step.way_m:
+            axes.plot(*_east_north([at.before.centre_m, *way_m]), lw=1.5, label=label)
+        elif at.step.new_shape is not None or at.step.spins:
+            axes.scatter(*_east_north(at.after.places_m()), marker="x", label=label, zorder=2)
 
 
 def _east_north(points_m: Iterable[Point]) -> tuple[list[float], list[float]]:

@@ -10,7 +10,6 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.kernel.coast import stop_distance
 from swarm_ctl.core.kernel.constraints import margins_of
 from swarm_ctl.core.law import graph
@@ -25,7 +24,7 @@ from swarm_ctl.core.swarm.radio import radio_words
 from swarm_ctl.mission.compile.forecast import StepForecast
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.mission.sections.simulation_section import SimulationSection
-from swarm_ctl.mission.steps.table import kind_of
+from swarm_ctl.mission.steps.table import kind_of, place_of
 
 _AGENTS: Final = 12
 """Of more agents, a table that is not `full` shows so many."""
@@ -71,8 +70,8 @@ def _table(*headings: str) -> Table:
 
 def _agents(loaded: LoadedMission, shown: int) -> Table:
     plan = loaded.plan
-    forms = [form for step in plan.steps if (form := step.new_shape) is not None]
-    headings = (f"{form.shape} N, E m" for form in forms)
+    forms = [(at.group.ids, form) for at in plan.all_steps() if (form := at.step.new_shape)]
+    headings = (f"{form.shape} N, E m" for _, form in forms)
     table = _table("agent", "start N, E m", "neighbours", *headings, "vehicle")
     rows = zip(plan.agents, loaded.fleet.agents, strict=True)
     for k, (agent, entry) in enumerate(rows):
@@ -81,7 +80,10 @@ def _agents(loaded: LoadedMission, shown: int) -> Table:
                 str(agent.id),
                 _metres(agent.start, plan.unit_m),
                 _neighbours(agent, len(plan.agents)),
-                *(_metres(form.slots[k], plan.unit_m) for form in forms),
+                *(
+                    _metres(form.slots[ids.index(agent.id)], plan.unit_m) if agent.id in ids else ""
+                    for ids, form in forms
+                ),
                 f"{entry.autopilot} {entry.sysid} {entry.endpoint or ''}",
             )
     return table
@@ -100,19 +102,21 @@ def _metres(point: Point, unit_m: float) -> str:
 
 def _steps(plan: Plan, forecasts: Sequence[StepForecast]) -> Table:
     table = _table("step", "what", "expected", "time-out", "then")
-    for number, (step, expected) in enumerate(zip(plan.steps, forecasts, strict=True), start=1):
-        timeout = f"{step.timeout_s:.0f} s"
-        what = kind_of(step).words(step, plan)
-        table.add_row(str(number), what, _expected(expected), timeout, step.on_timeout.value)
+    for at, expected in zip(plan.all_steps(), forecasts, strict=True):
+        timeout = f"{at.step.timeout_s:.0f} s"
+        what = kind_of(at.step).words(at.step, plan)
+        then = at.step.on_timeout.value
+        table.add_row(str(at.number), what, _expected(expected), timeout, then)
     table.add_row("", "whole flight", f"{_total_s(plan, forecasts):.0f} s", "", "")
     return table
 
 
 def _total_s(plan: Plan, forecasts: Sequence[StepForecast]) -> float:
-    return sum(
-        expected.expected_s or step.timeout_s
-        for step, expected in zip(plan.steps, forecasts, strict=True)
-    )
+    """Of the group that flies longest."""
+    found = dict.fromkeys((group.name for group in plan.groups), 0.0)
+    for at, expected in zip(plan.all_steps(), forecasts, strict=True):
+        found[at.group.name] += expected.expected_s or at.step.timeout_s
+    return max(found.values())
 
 
 def _expected(expected: StepForecast) -> str:
@@ -215,13 +219,14 @@ def _graph(plan: Plan, full: bool) -> Iterator[str]:
 
 
 def _closest(plan: Plan) -> Iterator[str]:
-    places = [("starts", tuple(agent.start for agent in plan.agents))]
-    forms = (step.new_shape for step in plan.steps)
-    places += [(form.shape, form.slots) for form in forms if form is not None]
-    for name, points in places:
+    ids = tuple(agent.id for agent in plan.agents)
+    places = [("starts", ids, tuple(agent.start for agent in plan.agents))]
+    forms = ((at.group.ids, at.step.new_shape) for at in plan.all_steps())
+    places += [(form.shape, of, form.slots) for of, form in forms if form is not None]
+    for name, of, points in places:
         if found := closest_pair(points):
             apart, (i, j) = found
-            pair = f"{plan.agents[i].id}-{plan.agents[j].id}"
+            pair = f"{of[i]}-{of[j]}"
             yield f"closest  {name} {apart * plan.unit_m:.2f} m ({pair})"
 
 
@@ -265,13 +270,13 @@ def _settings(given: dict[str, float]) -> str:
 
 
 def _late_steps(loaded: LoadedMission, forecasts: Sequence[StepForecast]) -> Iterator[str]:
-    for k, expected in enumerate(forecasts, start=1):
+    for at, expected in zip(loaded.plan.all_steps(), forecasts, strict=True):
         if expected.expected_s is None:
-            where = loaded.document.where(("steps", k - 1))
-            name = f"step {k}, {step_name(loaded.plan, k)}"
+            where = loaded.document.where(place_of(at)[:-1])
+            name = f"step {at.number}, {at.name}"
             enough = f"; it takes about {expected.needed_s:.0f} s" if expected.needed_s else ""
             late = "is not expected to be done before its time-out"
-            yield f"{where}: {name}: {late}, {loaded.plan.steps[k - 1].timeout_s:.0f} s{enough}"
+            yield f"{where}: {name}: {late}, {at.step.timeout_s:.0f} s{enough}"
 
 
 def _late_faults(

@@ -17,7 +17,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.model.text import printable
 from swarm_ctl.report.folder.flight import Flight
 from swarm_ctl.report.folder.truth import Floats
@@ -167,11 +166,10 @@ def _curves(history: RunHistory) -> dict[str, str]:
 
 
 def _steps(history: RunHistory) -> list[dict[str, Any]]:
-    begun = [(k, history.run.start_s(k)) for k in range(len(history.plan.steps) + 1)]
     return [
-        {"t": round(start_s, 3), "text": step_name(history.plan, k)}
-        for k, start_s in begun
-        if np.isfinite(start_s)
+        {"t": round(group.start_s(k), 3), "text": group.plan.step_name(k)}
+        for group in history.run.groups
+        for k in group.begun
     ]
 
 

@@ -71,14 +71,17 @@ class RunHistory:
         for agents that do not fly."""
         flight = self.flight
         found = np.full(flight.points_m.shape, np.nan)
-        for k, step in enumerate(self.plan.steps, start=1):
-            if (form := step.new_shape) is not None:
-                since = flight.time_s >= self.run.start_s(k)
-                slots = self._turned(np.array(form.slots) * self.plan.unit_m, flight.time_s[since])
-                indices = self.run.slot_indices(flight.time_s[since])[..., None]
-                found[since] = flight.points_m[since] - np.take_along_axis(slots, indices, axis=1)
+        for group in self.run.groups:
+            for k, step in enumerate(group.plan.steps, start=1):
+                if (form := step.new_shape) is not None:
+                    since, until = group.start_s(k), group.landing_s()
+                    at = (flight.time_s >= since) & (flight.time_s <= until)
+                    slots = self._turned(np.array(form.slots) * self.plan.unit_m, flight.time_s[at])
+                    indices = group.slot_indices(flight.time_s[at])[..., None]
+                    slots = np.take_along_axis(slots, indices, axis=1)
+                    of = np.ix_(np.flatnonzero(at), np.array(group.columns))
+                    found[of] = flight.points_m[of] - slots
         found[~flight.live] = np.nan
-        found[flight.time_s > self.run.landing_s()] = np.nan
         return found
 
     def deviations(self) -> Floats:
@@ -92,7 +95,9 @@ class RunHistory:
 
     def first_form_s(self) -> float:
         """When the first form step began; 0 where none did."""
-        found = min((self.run.start_s(k) for k in self.run.form_steps), default=np.inf)
+        groups = self.run.groups
+        begun = (group.start_s(k) for group in groups for k in group.form_steps)
+        found = min(begun, default=np.inf)
         return found if np.isfinite(found) else 0.0
 
     def _turned(self, slots_m: Floats, time_s: Floats) -> Floats:

@@ -37,9 +37,10 @@ def consequence(order: Order, plan: Plan, step: int, left: Collection[int] = ())
     agents, and what the others do, but for those that have `left`; '' for any other order."""
     agents = order.agents or tuple(agent.id for agent in plan.agents)
     does = BY_NAME[order.kind].asks[len(agents) > 1]
-    after = plan.steps[step] if step < len(plan.steps) else None
-    if order.kind == CommandKind.NEXT and after is not None and after.goes_down:
-        does = f"step {step} ends, and step {step + 1} is '{after.kind}'"
+    if order.kind == CommandKind.NEXT:
+        after = [each for group in plan.groups for each in group.steps[step : step + 1]]
+        for kind in sorted({each.kind for each in after if each.goes_down}):
+            does = f"step {step} ends, and step {step + 1} is '{kind}'"
     rest = others(order.kind, order.agents, plan, left)
     more = f"; {rest}" if rest else ""
     return f"{order.kind} {agents_named(agents)}: {does}{more}" if does else ""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 from swarm_ctl.commands.parse import KINDS, ranges_of_law
-from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.text import agents_named, printable, ranges
@@ -71,7 +70,7 @@ def protection_line(picture: Picture) -> tuple[StyledLine, str]:
 
 def _step_names(view: SwarmView) -> list[str]:
     """Of the step that is flown, or that waits for an order to be flown; the longest first."""
-    step = f"step {view.step}/{len(view.plan.steps)}"
+    step = f"step {view.step}/{len(view.group.steps)}"
     aloft = [agent for agent in view.agents if agent.airborne and not agent.lost]
     ends = {_ENDS.get(agent.phase) for agent in aloft if agent.phase is not None}
     if len(ends) == 1 and (end := ends.pop()) and all(map(is_out, aloft)):
@@ -79,7 +78,7 @@ def _step_names(view: SwarmView) -> list[str]:
     orders = {flown_order(agent, view) for agent in aloft}
     if len(orders) == 1 and (order := orders.pop()):
         return [f"{step} waits: {order}", f"{step} waits", step]
-    name = step_name(view.plan, view.step)
+    name = view.group.step_name(view.step)
     return [f"{step}: {name}", f"{step}: {name.partition(' ')[0]}", step]
 
 

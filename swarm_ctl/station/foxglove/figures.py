@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.model.rows import row
 from swarm_ctl.station.picture.view import AgentView, SwarmView
 
@@ -70,7 +69,7 @@ def figures(view: SwarmView, alarms: int) -> SwarmFigures:
     return SwarmFigures(
         time_s=round(view.time_s, 3),
         step=view.step,
-        step_name=step_name(view.plan, view.step),
+        step_name=view.group.step_name(view.step),
         error_m=_rounded(view.error_m),
         nearest_m=_rounded(min(near, default=None)),
         sigma=max(sigmas, default=None),

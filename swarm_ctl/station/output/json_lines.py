@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.station.picture.alarms import alarms
 from swarm_ctl.station.picture.summaries import verdict
 from swarm_ctl.station.picture.view import AgentView, CommandView, SwarmView
@@ -24,8 +23,8 @@ def json_line(view: SwarmView) -> str:
             "mission": view.plan.name,
             "plan_hash": f"{view.plan_hash:016x}",
             "step": view.step,
-            "steps": len(view.plan.steps),
-            "step_name": step_name(view.plan, view.step),
+            "steps": len(view.group.steps),
+            "step_name": view.group.step_name(view.step),
             "level": level.name.lower(),
             "verdict": text,
             "error_m": _rounded(view.error_m),

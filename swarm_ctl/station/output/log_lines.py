@@ -7,7 +7,6 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.model.messages import Event
 from swarm_ctl.core.model.text import agents_named, printable
 from swarm_ctl.station.picture.alarms import Alarm, alarms
@@ -53,7 +52,7 @@ def _protected(view: SwarmView) -> str:
 
 def _step(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
     if view.step > (previous.step if previous else 0):
-        yield f"step {view.step}/{len(view.plan.steps)}: {step_name(view.plan, view.step)}"
+        yield f"step {view.step}/{len(view.group.steps)}: {view.group.step_name(view.step)}"
 
 
 def _phases(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
@@ -88,7 +87,8 @@ def _reasons(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
 def _events(previous: SwarmView | None, view: SwarmView) -> Iterator[tuple[float, str]]:
     fresh = view.event_count - (previous.event_count if previous else 0)
     # a new step is told by the states already, once for all
-    steps = {f"step {k}: {step_name(view.plan, k)}" for k in range(len(view.plan.steps) + 1)}
+    names = [name for group in view.plan.groups for name in enumerate(group.step_names)]
+    steps = {f"step {k}: {name}" for k, name in names}
     new: tuple[Event, ...] = view.events[-fresh:] if fresh > 0 else ()
     if fresh > len(new):
         yield new[0].time_s, f"{fresh - len(new)} events came too fast to be told"

@@ -260,7 +260,7 @@ def _overspeed(view: SwarmView, _: float) -> Found:
 
 
 def _long_link(view: SwarmView, r_m: float) -> Found:
-    form = view.plan.steps[view.step - 1].new_shape if view.step else None
+    form = view.group.steps[view.step - 1].new_shape if view.step else None
     if form is not None and form.neighbours is not None:
         return  # those that it chose come together only now
     for edge in view.edges:

@@ -6,19 +6,19 @@ from collections.abc import Mapping
 
 from swarm_ctl.core.law.graph import edges
 from swarm_ctl.core.model.messages import AgentState
-from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.plan import GroupPlan
 
 
 def edges_in_force(
-    plan: Plan, step: int, states: Mapping[int, AgentState]
+    group: GroupPlan, step: int, states: Mapping[int, AgentState]
 ) -> tuple[tuple[int, int], ...]:
-    """The pairs of neighbours in this step, lower id first: the starts' graph, or the newest that
-    a form step chose. That one is by slot, so it follows exchanged slots."""
-    ids = [agent.id for agent in plan.agents]
-    forms = [form for s in plan.steps[:step] if (form := s.new_shape) is not None]
+    """The pairs of neighbours in this step of a group, lower id first: the starts' graph, or the
+    newest that a form step chose. That one is by slot, so it follows exchanged slots."""
+    ids = group.ids
+    forms = [form for s in group.steps[:step] if (form := s.new_shape) is not None]
     chosen = [form.neighbours for form in forms if form.neighbours is not None]
     if not chosen:
-        return edges({agent.id: agent.neighbours for agent in plan.agents})
+        return edges({agent.id: agent.neighbours for agent in group.agents})
     holders = {}
     for index, agent in enumerate(ids):
         role = states[agent].exchange.role if agent in states else index

@@ -27,7 +27,7 @@ from swarm_ctl.core.model.messages import (
     SigmaReport,
     StationBeacon,
 )
-from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.model.plan import GroupPlan, Plan, Point
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
 from swarm_ctl.core.swarm.in_plan import InPlan
 from swarm_ctl.core.swarm.plausibility import SUSPECT_S
@@ -118,7 +118,8 @@ class _Moment:
 
     now_s: float
     lost: set[int]
-    step: int
+    steps: list[int]
+    """The furthest of each group's agents, in the plan's order of groups."""
     apart: _Apart
     formation: set[int]
     """The agents that fly in it and are heard."""
@@ -249,6 +250,7 @@ class Model:
     def view(self, now_s: float) -> SwarmView:
         """The swarm at `now_s`."""
         moment = self._moment(now_s)
+        step, group = max(zip(moment.steps, self._plan.groups, strict=True), key=lambda g: g[0])
         stations = self._stations | ({self._station: now_s} if self._station else {})
         return SwarmView(
             time_s=now_s,
@@ -260,7 +262,8 @@ class Model:
             pairs=self._pairs(now_s),
             links=self._links(),
             edges=self._edges(moment),
-            step=moment.step,
+            group=group,
+            step=step,
             error_m=max(moment.away_m.values(), default=None),
             events=tuple(self._events),
             event_count=self._event_count,
@@ -279,18 +282,33 @@ class Model:
     def _moment(self, now_s: float) -> _Moment:
         after_s = self._plan.policies.agent_lost_after_s
         lost = {agent_id for agent_id, heard in self._heard.items() if heard.lost(now_s, after_s)}
-        told = [t for heard in self._heard.values() for t in (heard.state, heard.status) if t]
-        step = max((t.step for t in told), default=0)
+        steps = [self._step(group) for group in self._plan.groups]
         formation = {i for i, heard in self._heard.items() if heard.in_formation} - lost
-        errors_ = self._errors(step, formation)
-        return _Moment(now_s, lost, step, self._apart(), formation, *errors_)
+        away_m, targets_m = dict[int, float](), dict[int, Point]()
+        for group, step in zip(self._plan.groups, steps, strict=True):
+            away, targets = self._errors(group, step, formation)
+            away_m |= away
+            targets_m |= targets
+        return _Moment(
+            now_s,
+            lost,
+            steps,
+            apart=self._apart(),
+            formation=formation,
+            away_m=away_m,
+            targets_m=targets_m,
+        )
+
+    def _step(self, group: GroupPlan) -> int:
+        heard = [self._heard[agent] for agent in group.ids]
+        return max((t.step for h in heard for t in (h.state, h.status) if t), default=0)
 
     def _edges(self, moment: _Moment) -> tuple[EdgeView, ...]:
         states = {i: heard.state for i, heard in self._heard.items() if heard.state}
-        found = edges_in_force(self._plan, moment.step, states)
         return tuple(
             EdgeView(a, b, moment.apart.of(a, b) if {a, b} <= moment.formation else None)
-            for a, b in found
+            for group, step in zip(self._plan.groups, moment.steps, strict=True)
+            for a, b in edges_in_force(group, step, states)
         )
 
     def _links(self) -> tuple[LinkView, ...]:
@@ -310,16 +328,18 @@ class Model:
         states = ((i, heard.state) for i, heard in self._heard.items())
         return _Apart({i: state.position_ned_m[:2] for i, state in states if state})
 
-    def _errors(self, step: int, formation: set[int]) -> tuple[dict[int, float], dict[int, Point]]:
-        """|e_i - mean e| [m] of each agent of the formation in the shape of the newest `form` step,
-        and where each slot lies with their mean error taken out; both empty before the first one.
-        """
-        shape = self._shape(step)
+    def _errors(
+        self, group: GroupPlan, step: int, formation: set[int]
+    ) -> tuple[dict[int, float], dict[int, Point]]:
+        """|e_i - mean e| [m] of each agent that flies in a group's formation, in the shape of the
+        newest `form` step, and where each slot lies with their mean error taken out; both empty
+        before the first one."""
+        shape = self._shape(group, step)
         if shape is None:
             return {}, {}
         slots, points = {}, {}
         in_roles = not self._overridden()  # an operator's shape gives each agent its own slot
-        for k, agent in enumerate(self._plan.agents):
+        for k, agent in enumerate(group.agents):
             state = self._heard[agent.id].state
             if state is None:
                 continue
@@ -337,12 +357,12 @@ class Model:
         targets = {i: (slot[0] + north, slot[1] + east) for i, slot in slots.items()}
         return dict(zip(points, sizes.tolist(), strict=True)), targets
 
-    def _shape(self, step: int) -> dict[int, Point] | None:
+    def _shape(self, group: GroupPlan, step: int) -> dict[int, Point] | None:
         """The newest slots, centred: an operator's since the mission's step began, or the
         mission's; None: none yet."""
         forms = [
             (k, form.slots)
-            for k, s in enumerate(self._plan.steps[:step], start=1)
+            for k, s in enumerate(group.steps[:step], start=1)
             if (form := s.new_shape) is not None
         ]
         for answered in self._commands.values():
@@ -351,7 +371,7 @@ class Model:
             resumed = bool(forms) and forms[-1][0] == step and not self._overridden()
             if (
                 commanded is not None
-                and len(commanded.slots) == len(self._plan.agents)  # else all agents refuse it
+                and len(commanded.slots) == len(group.agents)  # else all agents refuse it
                 and answered.at_step >= (forms[-1][0] if forms else 0)
                 and not resumed
             ):

@@ -24,7 +24,7 @@ from swarm_ctl.core.model.messages import (
     Refusal,
     SigmaReport,
 )
-from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.model.plan import GroupPlan, Plan, Point
 from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.station.picture.history import Histories
 from swarm_ctl.station.picture.protection import LOCAL, Protection, protection_words
@@ -188,6 +188,8 @@ class SwarmView:
     """Nearest first."""
     links: tuple[LinkView, ...]
     edges: tuple[EdgeView, ...]
+    group: GroupPlan
+    """The one that is furthest; `step` is of it."""
     step: int
     """The furthest step any agent is in; 0 is preparation."""
     error_m: float | None
@@ -205,6 +207,11 @@ class SwarmView:
     """Why, by agent of which this station did not believe a word of late."""
     health: StationHealth = field(default_factory=StationHealth)
     protection: Protection = LOCAL
+
+    def step_name(self, agent: AgentView) -> str:
+        """Of the step that this agent is in; '' where it was never heard."""
+        group = self.plan.group_of(agent.id) if agent.in_plan else self.group
+        return group.step_name(agent.newest.step) if agent.newest else ""
 
     @property
     def protected(self) -> list[tuple[str, bool]]:

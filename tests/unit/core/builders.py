@@ -27,6 +27,7 @@ from swarm_ctl.core.model.plan import (
     AgentPlan,
     Compensation,
     Geodetic,
+    GroupPlan,
     LawParameters,
     Limits,
     Plan,
@@ -45,6 +46,7 @@ from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S
 from swarm_ctl.core.model.vehicle import GlobalFix, Goal, LocalFix, VehicleView
 from swarm_ctl.core.swarm.peers import Peers
 from swarm_ctl.core.swarm.snapshot import OtherAircraft, PeerSnapshot
+from tests.unit.plans import with_group
 
 NOW: Final = 1000.0
 OWN: Final = 1
@@ -63,6 +65,7 @@ STEPS: Final = (TakeoffStep(HEIGHT_M, 60.0), FORMING, HoldStep(30.0, 60.0), MOVI
 def plan(last: Step | None = None, agents: int = 3, **changes: Any) -> Plan:
     """Take-off, form, hold, move, and `last` (landing); each agent's neighbours are all others."""
     ids = range(1, agents + 1)
+    flying = tuple(AgentPlan(i, (0.0, 5.0 * (i - 1)), tuple(j for j in ids if j != i)) for i in ids)
     made = Plan(
         name="row",
         origin=ORIGIN,
@@ -75,16 +78,14 @@ def plan(last: Step | None = None, agents: int = 3, **changes: Any) -> Plan:
         limits=Limits(),
         policies=Policies(),
         prepare_timeout_s=120.0,
-        agents=tuple(
-            AgentPlan(i, (0.0, 5.0 * (i - 1)), tuple(j for j in ids if j != i)) for i in ids
-        ),
+        groups=(GroupPlan(GROUP, flying, (*STEPS, last or LandStep(60.0))),),
         shapes=(),
         zones=(),
-        steps=(*STEPS, last or LandStep(60.0)),
         fence=None,
         safety=Safety(),
     )
-    return replace(made, **changes)
+    steps = {"steps": changes.pop("steps")} if "steps" in changes else {}
+    return replace(with_group(made, **steps), **changes)
 
 
 RETURNING: Final = plan(ReturnStep(60.0))
@@ -207,7 +208,7 @@ def progress(
     of: Plan, step: int = HOLD, *, done: bool = False, started_s: float = NOW - 10.0
 ) -> Progress:
     """An agent in this step."""
-    made = Progress(of.group, of.prepare_timeout_s, started_s)
+    made = Progress(of.groups[0], of.prepare_timeout_s, started_s)
     if step:
         made.rejoin(step, started_s)
     if done:
@@ -233,7 +234,7 @@ class Own:
                 **changes,
             }
         )
-        self.group = Group(of, of.group, OWN, Peers(of, OWN), NOW - 10.0, self.log)
+        self.group = Group(of, OWN, Peers(of, OWN), NOW - 10.0, self.log)
         self.progress = self.group.progress
         if step:
             self.progress.rejoin(step, NOW - 10.0)

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
+from tests.unit.plans import steps_of
 
 WIDTH: Final = 640
 HEIGHT: Final = 520
@@ -52,13 +52,13 @@ def fly(mission: Path, until_s: float = 900.0) -> tuple[list[Sample], float]:
     plan, samples, due_s = swarm.plan, list[Sample](), 0.0
     swarm.wait(lambda s: s.in_step(1))
     begun_s = swarm.now + plan.tick_s
-    while swarm.now < until_s and not swarm.in_step(len(plan.steps)):
+    while swarm.now < until_s and not swarm.in_step(len(steps_of(plan))):
         swarm.tick()
         if swarm.now < due_s:
             continue
         due_s = swarm.now + SAMPLE_S
         steps = [m.status.step for m in swarm.members.values() if m.status is not None]
-        name = step_name(plan, min(steps))
+        name = plan.groups[0].step_name(min(steps))
         samples.append(Sample(swarm.now - begun_s, tuple(swarm.positions().values()), name))
     return samples, plan.law.r_in * plan.unit_m
 

@@ -23,6 +23,7 @@ from swarm_ctl.fuzz.invariants import Broken, Invariant
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.mission.input import yaml_file
 from swarm_ctl.virtual.scenario import Scenario, load_scenario, scenario_of, scenario_text
+from tests.unit.plans import steps_of
 
 MISSIONS = Path(__file__).parents[3] / "missions"
 DRAWN = 12
@@ -43,7 +44,7 @@ def test_all_kinds_are_drawn() -> None:
     drawn = [draw(9, number, Coverage()) for number in range(6 * DRAWN)]
     kinds = {each.kind for scenario, _ in drawn for each in scenario.happens}
     assert kinds == {*FAULTS, "order"}
-    steps = {step.kind for _, mission in drawn for step in mission.plan.steps}
+    steps = {step.kind for _, mission in drawn for step in steps_of(mission.plan)}
     assert steps == {"takeoff", "form", "hold", "move", "rotate", "scale", "return", "land"}
     assert {entry.autopilot for _, m in drawn for entry in m.fleet.agents} == {"ardupilot", "px4"}
     assert any(mission.plan.fence for _, mission in drawn)

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from swarm_ctl.errors import MissionError, Problem
 from swarm_ctl.mission.compile.loader import load, loads
 from tests.unit.mission.example import TEXT, edited, in_metres, problems, without_section
+from tests.unit.plans import steps_of
 
 # (what is replaced, by what, line, field, part of what is wrong, part of what would be allowed)
 REFUSALS = {
@@ -358,7 +359,7 @@ def mangled(draw: st.DrawFn) -> str:
 def test_any_text_is_a_plan_or_a_list_of_problems(text: str) -> None:
     found: tuple[Problem, ...] = ()
     try:
-        steps = len(loads(text, "m.yaml").plan.steps)
+        steps = len(steps_of(loads(text, "m.yaml").plan))
     except MissionError as error:
         steps, found = 0, error.problems
     assert bool(steps) != bool(found)

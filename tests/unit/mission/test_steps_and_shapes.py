@@ -24,6 +24,7 @@ from swarm_ctl.mission.compile.loader import dumps, load, loads
 from swarm_ctl.mission.geometry import letters
 from swarm_ctl.mission.steps.table import KINDS
 from tests.unit.mission.example import TEXT, edited, in_metres, problems
+from tests.unit.plans import steps_of
 
 FORM = "  - form: {shape: ring}\n"
 
@@ -102,20 +103,20 @@ def test_targets_add_up_over_steps() -> None:
         "rotate: {angle_deg: 30}\n  - rotate: {angle_deg: 60}\n"
         "  - scale: {factor: 2}\n  - scale: {factor: 1.5}"
     )
-    steps = loads(text).plan.steps
+    steps = steps_of(loads(text).plan)
     assert [s.angle_rad for s in steps if isinstance(s, RotateStep)] == pytest.approx(
         [math.pi / 6, math.pi / 2]
     )
     assert [s.factor for s in steps if isinstance(s, ScaleStep)] == [2, 3]
-    moves = loads(with_step("move: {to: [4, 2]}\n  - move: {by: [1, -1]}")).plan.steps
+    moves = steps_of(loads(with_step("move: {to: [4, 2]}\n  - move: {by: [1, -1]}")).plan)
     assert [s.waypoints_m for s in moves if isinstance(s, MoveStep)] == [((20, 10),), ((25, 5),)]
 
 
 def test_later_slots_are_the_nearest_from_the_turned_shape() -> None:
     """After half a turn of a row, the ends have changed sides."""
-    base = loads(edited((FORM, "  - form: {shape: row, slots: fixed}\n"))).plan.steps[3]
+    base = steps_of(loads(edited((FORM, "  - form: {shape: row, slots: fixed}\n"))).plan)[3]
     turn = "  - form: {shape: row, slots: fixed}\n  - rotate: {angle_deg: 180}\n"
-    turned = loads(edited((FORM, turn))).plan.steps[4]
+    turned = steps_of(loads(edited((FORM, turn))).plan)[4]
     assert isinstance(base, FormStep)
     assert isinstance(turned, FormStep)
     assert turned.slots == base.slots[::-1]
@@ -123,7 +124,7 @@ def test_later_slots_are_the_nearest_from_the_turned_shape() -> None:
 
 def test_neighbours_are_rechosen_from_the_shape_before() -> None:
     text = edited(("form: {shape: row, ", "form: {shape: row, neighbours: rechoose, "))
-    step = loads(text).plan.steps[3]
+    step = steps_of(loads(text).plan)[3]
     assert isinstance(step, FormStep)
     assert step.neighbours == ((2, 3), (1, 3), (1, 2))
 

@@ -22,9 +22,11 @@ from swarm_ctl.core.model.messages import (
     VehicleLinkReport,
 )
 from swarm_ctl.core.model.plan import (
+    EVERYONE,
     AgentPlan,
     Compensation,
     Geodetic,
+    GroupPlan,
     LawParameters,
     Limits,
     Plan,
@@ -60,6 +62,13 @@ def hexagon_plan(count: int = 6) -> Plan:
     starts = TABLE_II if count == 6 else {i: (3.0 * i, 0.0) for i in range(1, count + 1)}
     slots = HEXAGON if count == 6 else tuple((0.0, 2.0 * i) for i in range(count))
     graph = neighbours(starts, 4.5)
+    agents = tuple(AgentPlan(i, start, graph[i]) for i, start in starts.items())
+    steps = (
+        TakeoffStep(10.0, 60.0),
+        FormStep("hexagon", slots, 0.5, 5.0, 120.0),
+        HoldStep(10.0, 60.0),
+        LandStep(90.0),
+    )
     return Plan(
         name="hexagon",
         origin=Geodetic(-35.36, 149.16, 584.0),
@@ -72,14 +81,8 @@ def hexagon_plan(count: int = 6) -> Plan:
         limits=Limits(),
         policies=Policies(agent_lost_after_s=3.0),
         prepare_timeout_s=60.0,
-        agents=tuple(AgentPlan(i, start, graph[i]) for i, start in starts.items()),
+        groups=(GroupPlan(EVERYONE, agents, steps),),
         shapes=(ShapePlan("hexagon", slots),),
-        steps=(
-            TakeoffStep(10.0, 60.0),
-            FormStep("hexagon", slots, 0.5, 5.0, 120.0),
-            HoldStep(10.0, 60.0),
-            LandStep(90.0),
-        ),
         fence=None,
         safety=Safety(),
         zones=(),

@@ -23,6 +23,7 @@ from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.protection import MeshKind, Protection
 from swarm_ctl.station.picture.view import SwarmView
 from tests.on_demand import on_demand
+from tests.unit.plans import steps_of
 from tests.unit.station.pictures import PICTURES, PLAN
 from tests.unit.station.screens import (
     SHOWN,
@@ -259,7 +260,7 @@ def test_an_enter_from_before_the_question_was_drawn_is_no_answer() -> None:
 def test_next_asks_where_it_leads_to_a_landing() -> None:
     """And it ends the step that the operator saw, whatever step the swarm is in by then."""
     flying = PICTURES["well"]()
-    steps = len(flying.plan.steps)
+    steps = len(steps_of(flying.plan))
 
     async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
         await shown(app, pilot, replace(flying, step=steps - 1))

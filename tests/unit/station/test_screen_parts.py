@@ -33,6 +33,7 @@ from swarm_ctl.station.picture.link_quality import bad_links, judge, mesh_judgem
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.summaries import flown_order
 from swarm_ctl.station.picture.view import LinkView
+from tests.unit.plans import steps_of
 from tests.unit.station.pictures import PICTURES, PLAN
 from tests.unit.station.swarm import flying_model, hexagon_plan, report_of, state_of, status_of
 
@@ -240,7 +241,7 @@ def test_slots_are_laid_under_the_live_agents() -> None:
     """Where each agent is at its own slot but for a common shift, every slot is where its agent
     is."""
     model = Model(PLAN)
-    form = PLAN.steps[1]
+    form = steps_of(PLAN)[1]
     for agent, slot in zip(PLAN.agents, form.slots, strict=True):  # type: ignore[union-attr]
         place = (100.0 + 5 * slot[0], -50.0 + 5 * slot[1], -10.0)
         model.fold(state_of(PLAN, agent.id, 30.0, position_ned_m=place), 30.0)

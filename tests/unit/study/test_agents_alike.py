@@ -113,13 +113,14 @@ def test_a_study_commands_what_agents_command(
     asked = {"start": start, "slots": slots, "safety": safety, "vehicle": vehicle, "seed": seed}
     batch = missions(n=(n,), **asked)
     cell, flown = batch.cell, Flown(batch)
+    agents = tuple(replace(HEXAGON.agents[0], id=IDS[i]) for i in range(n))
     plan = replace(
         HEXAGON,
         unit_m=1.0,
         law=replace(cell.law, h=0.2),
         kappa=20.0,
         safety=Safety(align=cell.has("align")),
-        agents=tuple(replace(HEXAGON.agents[0], id=IDS[i]) for i in range(n)),
+        groups=(replace(HEXAGON.groups[0], agents=agents),),
         limits=replace(HEXAGON.limits, speed_mps=cell.speed_mps),
     )
     # of a large swarm, some of the agents
@@ -209,7 +210,7 @@ def test_a_study_exchanges_what_agents_exchange(seed: int) -> None:
     flown = Flown(batch)
     plan = replace(HEXAGON, unit_m=1.0, law=batch.cell.law)
     told = {(k, i): _Told(IDS[i]) for i in range(N) for k in range(MISSIONS)}
-    agents = {(k, i): SlotExchange(plan, plan.group, IDS[i], told[k, i]) for k, i in told}  # type: ignore[arg-type]
+    agents = {(k, i): SlotExchange(plan, IDS[i], told[k, i]) for k, i in told}  # type: ignore[arg-type]
     links = [
         {IDS[i]: tuple(IDS[j] for j in np.flatnonzero(batch.links[i, :, k])) for i in range(N)}
         for k in range(MISSIONS)

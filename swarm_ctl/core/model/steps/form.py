@@ -15,7 +15,7 @@ from swarm_ctl.core.model.steps.step import Settling, Step
 class FormStep(Step):
     """Fly the law until the largest |e_i - mean e| stays under `tolerance_m` for `settle_s`.
 
-    `slots` has one (north, east) offset in units per agent, in the order of `Plan.agents`.
+    `slots` has one (north, east) offset in units per agent, in the order of the group's.
     """
 
     shape: str
@@ -24,7 +24,7 @@ class FormStep(Step):
     settle_s: float
     timeout_s: float
     neighbours: tuple[tuple[int, ...], ...] | None = None
-    """N_i from this step on, in the order of `Plan.agents`; None: as before."""
+    """N_i from this step on, in the order of the group's agents; None: as before."""
     on_timeout: Policy = Policy.LAND
     exchange: bool = False
     """Agents that are in each other's way may take each other's slots

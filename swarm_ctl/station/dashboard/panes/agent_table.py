@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
-from swarm_ctl.core.agent.progress import step_name
 from swarm_ctl.core.model.messages import AgentStatus, Phase
 from swarm_ctl.core.model.text import printable
 from swarm_ctl.station.dashboard.drawing.picture import Picture
@@ -77,7 +76,7 @@ def _step(agent: AgentView, view: SwarmView, width: int) -> tuple[str, str]:
     if told is None:
         return DASH, ""
     order = flown_order(agent, view)
-    name = order or step_name(view.plan, told.step)
+    name = order or view.step_name(agent)
     done = f" {WELL}" if told.done and not order else ""
     if len(name + done) > width:
         name = name.partition(" ")[0]

@@ -63,14 +63,14 @@ def situation(
 ) -> AgentSituation:
     airborne = phase not in (Phase.CONNECT, Phase.PREPARE, Phase.ENDED)
     return AgentSituation(
-        of, of.group.ids, OWN, phase, airborne, progress(of, step), formed, override, snapshot()
+        of, of.groups[0].ids, OWN, phase, airborne, progress(of, step), formed, override, snapshot()
     )
 
 
 def answer(what: Command, where: AgentSituation | None = None) -> Ack:
     """The answer of an agent that has heard no other command but the one it carries out."""
     where = where or situation()
-    handler = CommandHandler(PLAN, PLAN.group, OWN, HASH)
+    handler = CommandHandler(PLAN, OWN, HASH)
     handler.override = where.override
     return handler.answer(what, where, 0)[0]
 
@@ -202,7 +202,7 @@ class Flying:
     """An agent in the hold step, to which commands come."""
 
     def __init__(self) -> None:
-        self.handler = CommandHandler(PLAN, PLAN.group, OWN, HASH)
+        self.handler = CommandHandler(PLAN, OWN, HASH)
         self.done: list[str] = []
 
     def take(self, *commands: Command, leg: int = 0) -> list[Ack]:

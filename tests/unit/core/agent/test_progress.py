@@ -8,9 +8,10 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.agent.progress import Progress, step_name
+from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.mission.compile.loader import load
+from tests.unit.plans import steps_of
 
 PLAN: Plan = load(Path(__file__).parents[4] / "missions" / "hexagon.yaml").plan
 AGENTS = 4
@@ -21,7 +22,7 @@ NEVER = (-1, False)
 def test_no_agent_runs_ahead(data: st.DataObject) -> None:
     """An agent is in step k + 1 only when every agent has been done with step k; true at every
     moment."""
-    agents = [Progress(PLAN.group, 60.0, 0.0) for _ in range(AGENTS)]
+    agents = [Progress(PLAN.groups[0], 60.0, 0.0) for _ in range(AGENTS)]
     heard = [[NEVER] * AGENTS for _ in agents]  # heard[i][j]: what i last heard of j
     done_with = [-1] * AGENTS  # the furthest step each has finished
     for turn in range(data.draw(st.integers(1, 60))):
@@ -43,19 +44,19 @@ def test_no_agent_runs_ahead(data: st.DataObject) -> None:
 @given(st.permutations(range(AGENTS)))
 def test_it_goes_through_in_any_order(order: list[int]) -> None:
     """With every state delivered, all agents reach the end whatever the order they act in."""
-    agents = [Progress(PLAN.group, 60.0, 0.0) for _ in range(AGENTS)]
-    for turn in range(3 * (len(PLAN.steps) + 1)):
+    agents = [Progress(PLAN.groups[0], 60.0, 0.0) for _ in range(AGENTS)]
+    for turn in range(3 * (len(steps_of(PLAN)) + 1)):
         for i in order:
             agents[i].finish_step(float(turn))
             agents[i].advance([(a.step, a.done) for a in agents if a is not agents[i]], float(turn))
     assert all(agent.finished for agent in agents)
     for agent in agents:
-        assert [result.result for result in agent.results] == ["done"] * (len(PLAN.steps) + 1)
+        assert [result.result for result in agent.results] == ["done"] * (len(steps_of(PLAN)) + 1)
 
 
 def test_results_tell_how_each_step_went() -> None:
     """A step that is broken off keeps its name and says how it ended."""
-    progress = Progress(PLAN.group, 60.0, 1.0)
+    progress = Progress(PLAN.groups[0], 60.0, 1.0)
     progress.finish_step(2.0)
     progress.advance([], 3.0)
     progress.break_off("timeout", 4.0)
@@ -67,7 +68,7 @@ def test_results_tell_how_each_step_went() -> None:
 
 
 def test_steps_have_the_mission_files_names() -> None:
-    assert [step_name(PLAN, k) for k in range(6)] == [
+    assert [PLAN.groups[0].step_name(k) for k in range(6)] == [
         "prepare",
         "takeoff",
         "form hexagon",

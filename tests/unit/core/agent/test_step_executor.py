@@ -36,6 +36,7 @@ from tests.unit.core.builders import (
     peer,
     plan,
 )
+from tests.unit.plans import steps_of
 
 PREPARE = 0
 UNFLOWN: dict[str, Any] = {"was_armed": False, "had_control": False, "arming_s": -math.inf}
@@ -50,7 +51,7 @@ class Flight(Own):
         if step >= FORM:
             self.group.begin_form(FORMING)
         of = self.plan
-        self.orders = CommandHandler(of, of.group, OWN, of.hash())
+        self.orders = CommandHandler(of, OWN, of.hash())
         self.executor = StepExecutor(
             self.vehicle,
             self.group,
@@ -245,7 +246,7 @@ def test_a_peer_out_of_its_slot_starts_settling_anew() -> None:
 def test_a_late_step_ends_only_where_the_mission_goes_on(policy: Policy) -> None:
     """`on_timeout: continue` ends the step as timed out; any other policy is a failsafe's work."""
     shape = replace(FORMING, on_timeout=policy)
-    steps = (STEPS[0], shape, *STEPS[2:], plan().steps[-1])
+    steps = (STEPS[0], shape, *STEPS[2:], steps_of(plan())[-1])
     flight = Flight(FORM, plan(steps=steps))
     away = peer(2, step=FORM, position_ned_m=(9.0, 10.0, -HEIGHT_M), stop_point_m=(9.0, 10.0))
     flight.at(FORMING.timeout_s + 0.1, away, peer(3, step=FORM))

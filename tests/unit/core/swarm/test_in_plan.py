@@ -28,6 +28,7 @@ from swarm_ctl.station.picture.journal import Journal
 from swarm_ctl.station.picture.summaries import answers, command_words, verdict, waiting
 from swarm_ctl.station.picture.view import SwarmView
 from tests.odd_words import odd_fields
+from tests.unit.plans import steps_of
 from tests.unit.station.swarm import flying_model, hexagon_plan, report_of, state_of, status_of
 
 PLAN = hexagon_plan()
@@ -77,7 +78,7 @@ def test_what_the_plan_has_not_is_named(payload: Payload, words: str) -> None:
 
 
 def test_what_the_plan_has_is_believed() -> None:
-    for step in range(len(PLAN.steps) + 1):
+    for step in range(len(steps_of(PLAN)) + 1):
         assert IN_PLAN.unknown(state(step=step)) == ""
         assert IN_PLAN.unknown(status(step=step)) == ""
     for role in range(-1, 6):
@@ -132,6 +133,6 @@ def test_no_word_raises_in_a_station(payload: Payload) -> None:
     waiting(view)
     for command in view.commands:
         assert isinstance(command_words(command.command) + answers(command, view), str)
-    assert 0 <= view.step <= len(PLAN.steps)
+    assert 0 <= view.step <= len(steps_of(PLAN))
     for agent in view.agents:
         assert agent.state is None or IN_PLAN.unknown(agent.state) == ""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,6 +11,7 @@ from swarm_ctl.core.model.messages import Severity
 from swarm_ctl.core.model.plan import AgentPlan, Plan
 from swarm_ctl.core.swarm.neighbourhood import Neighbourhood
 from tests.unit.core.builders import peer, plan, snapshot
+from tests.unit.plans import with_group
 
 FIVE = (1, 2, 3, 4, 5)
 CHAIN = {1: (2,), 2: (1, 3), 3: (2, 4), 4: (3, 5), 5: (4,)}
@@ -21,11 +20,11 @@ CHAIN = {1: (2,), 2: (1, 3), 3: (2, 4), 4: (3, 5), 5: (4,)}
 def chain() -> Plan:
     """Five agents in a row, each with the one before and the one after it."""
     agents = tuple(AgentPlan(i, (0.0, 5.0 * i), CHAIN[i]) for i in FIVE)
-    return replace(plan(), agents=agents)
+    return with_group(plan(), agents=agents)
 
 
 def of(agent: int) -> Neighbourhood:
-    return Neighbourhood(chain().group, agent)
+    return Neighbourhood(chain().groups[0], agent)
 
 
 def test_only_neighbours_that_are_heard_count() -> None:

@@ -7,6 +7,7 @@ import pytest
 from swarm_ctl.mission.compile.loader import loads
 from swarm_ctl.mission.steps.table import kind_of
 from tests.unit.mission.example import TEXT, problems
+from tests.unit.plans import steps_of
 
 LINE = 1 + TEXT.count("\n")
 """Of the section `zones`, behind the example."""
@@ -81,7 +82,7 @@ def test_no_place_is_in_a_zone_and_none_lands_in_one() -> None:
         (2, "floor_m: 5", "step 2, form", "would be"),
         (4, "ceiling_m: 5", "step 5, land", "would land"),
     ):
-        north, east = plan.formations()[k].places[1]
+        north, east = plan.groups[0].formations(plan.unit_m)[k].places[1]
         zone = f"x: {{circle: [{north + 0.3}, {east}], radius: 0.1, {heights}}}"
         found = problems(f"{TEXT}zones:\n  {zone}\n")
         assert found[-1].field == field
@@ -111,7 +112,7 @@ def test_a_move_goes_round_a_zone_and_straight_where_every_agent_has_room() -> N
         ("{circle: [10, 1], radius: 0.5, ceiling_m: 5}", 1),
     ):
         loaded = loads(f"{TEXT}zones:\n  x: {zone}\n".replace(*WIDE))
-        step = loaded.plan.steps[2]
+        step = steps_of(loaded.plan)[2]
         assert step.way_m[-1] == (100.0, 5.0)
         assert len(step.way_m) >= corners
         assert (len(step.way_m) == 1) is (corners == 1)
@@ -130,7 +131,7 @@ def gate(width: float) -> str:
 
 def test_a_move_through_a_gate_that_is_too_narrow_goes_in_file() -> None:
     loaded = loads(gate(1.6))
-    step, wide = loaded.plan.steps[2], loads(gate(6.0)).plan.steps[2]
+    step, wide = steps_of(loaded.plan)[2], steps_of(loads(gate(6.0)).plan)[2]
     assert step.file is not None
     assert wide.file is None
     assert step.timeout_s > 1.4 * wide.timeout_s

@@ -11,9 +11,10 @@ import pytest
 
 from swarm_ctl.core.model.plan import Compensation, Limits, Plan, Response, Safety
 from swarm_ctl.core.model.steps.form import FormStep
-from swarm_ctl.mission.compile.forecast import forecast, forecast_forms
+from swarm_ctl.mission.compile.forecast import FormForecast, forecast, forecast_forms
 from swarm_ctl.mission.compile.loader import load, loads
 from tests.unit.mission.example import TEXT, without_section
+from tests.unit.plans import steps_of, with_group
 
 HEXAGON = Path(__file__).parents[4] / "missions" / "hexagon.yaml"
 
@@ -35,6 +36,12 @@ steps:
 """
 
 
+def forms_of(plan: Plan) -> list[FormForecast]:
+    """Of its only group."""
+    (group,) = plan.groups
+    return forecast_forms(plan, group)
+
+
 def points(plan: Plan) -> Plan:
     """The law alone, flown by vehicles that answer at once."""
     at_once = Response(dead_time_s=0.0, lag_s=1e-6, acceleration_mps2=1e6, doubt_s=0.0)
@@ -51,7 +58,7 @@ def points(plan: Plan) -> Plan:
 def test_two_agents_meet_as_the_closed_form_says() -> None:
     """Each one's error halves the difference by h per iteration: (1 - 2 h)^k * 15 m < 0.5 m."""
     plan = points(loads(PAIR).plan)
-    (found,) = forecast_forms(plan)
+    (found,) = forms_of(plan)
     iterations = math.ceil(math.log(0.5 / 15) / math.log(1 - 2 * plan.law.h))
     assert found.formed_s == pytest.approx(iterations * plan.tick_s, abs=2 * plan.tick_s)
     assert found.smallest_m == pytest.approx(10, abs=1.0)
@@ -61,20 +68,20 @@ def test_two_agents_meet_as_the_closed_form_says() -> None:
 
 def test_the_speed_limit_slows_it_down() -> None:
     plan = loads(PAIR).plan
-    (found,) = forecast_forms(dataclasses.replace(plan, limits=Limits(speed_mps=0.5)))
+    (found,) = forms_of(dataclasses.replace(plan, limits=Limits(speed_mps=0.5)))
     assert found.formed_s is not None
     assert found.formed_s > 14.5 / 0.5
 
 
 def test_what_does_not_form_in_time_is_said() -> None:
     plan = loads(PAIR.replace("settle_s: 0", "settle_s: 0, timeout_s: 1")).plan
-    (found,) = forecast_forms(plan)
+    (found,) = forms_of(plan)
     assert found.formed_s is None
 
 
 def test_the_hexagon_forms_with_room_to_spare() -> None:
     plan = load(HEXAGON).plan
-    (found,) = forecast_forms(plan)
+    (found,) = forms_of(plan)
     assert found.formed_s is not None
     assert 10 < found.formed_s < 40
     assert found.smallest_m > plan.law.r_in * plan.unit_m
@@ -87,7 +94,7 @@ def test_the_filter_flies_along() -> None:
     apart_m = plan.law.r_in * plan.unit_m
     bare = Safety(filter=False, guard=False, release=False, align=False)
     blind = dataclasses.replace(plan, safety=bare, compensation=Compensation.NONE)
-    assert forecast_forms(plan)[0].smallest_m > apart_m > forecast_forms(blind)[0].smallest_m
+    assert forms_of(plan)[0].smallest_m > apart_m > forms_of(blind)[0].smallest_m
 
 
 FLOWN = [("hexagon.yaml", 0, 8.85, 9.93), ("crossing.yaml", 1, 7.97, 8.0)]
@@ -100,8 +107,8 @@ def test_the_forecast_is_what_was_flown(
 ) -> None:
     """Within a fifth of the time, and a tenth of the distance."""
     plan = dataclasses.replace(load(HEXAGON.with_name(name)).plan, limits=Limits(speed_mps=5.0))
-    settle_s = [step for step in plan.steps if isinstance(step, FormStep)][form].settle_s
-    found = forecast_forms(plan)[form]
+    settle_s = [step for step in steps_of(plan) if isinstance(step, FormStep)][form].settle_s
+    found = forms_of(plan)[form]
     assert found.formed_s is not None
     assert found.formed_s - settle_s == pytest.approx(formed_s, rel=0.2)
     assert found.smallest_m == pytest.approx(smallest_m, rel=0.1)
@@ -109,10 +116,10 @@ def test_the_forecast_is_what_was_flown(
 
 def test_every_form_step_has_its_forecast_and_the_second_time_is_shorter() -> None:
     plan = loads(TEXT).plan
-    assert [f.shape for f in forecast_forms(plan)] == ["ring", "row"]
-    form = plan.steps[1]
+    assert [f.shape for f in forms_of(plan)] == ["ring", "row"]
+    form = steps_of(plan)[1]
     assert isinstance(form, FormStep)
-    first, again = forecast_forms(dataclasses.replace(plan, steps=(form, form)))
+    first, again = forms_of(with_group(plan, steps=(form, form)))
     assert first.formed_s is not None
     assert again.formed_s == pytest.approx(form.settle_s, abs=0.11)
 
@@ -128,7 +135,7 @@ def test_one_agent_is_a_formation_at_once() -> None:
         .replace("count: 3", "count: 1")
         .replace("      - [0, 2]\n      - [0, 4]\n", "")
     )
-    for found in forecast_forms(loads(text).plan):
+    for found in forms_of(loads(text).plan):
         assert found.formed_s == pytest.approx(5.0, abs=0.06)
         assert found.smallest_pair is None
         assert found.longest_link_m == 0

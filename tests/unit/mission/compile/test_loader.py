@@ -26,6 +26,7 @@ from swarm_ctl.errors import MissionError
 from swarm_ctl.mission.compile.loader import dumps, load, loads
 from swarm_ctl.mission.fleet.fleet_file import read_fleet
 from tests.unit.mission.example import TEXT, edited, without_section
+from tests.unit.plans import steps_of
 
 MISSIONS = Path(__file__).parents[4] / "missions"
 
@@ -53,7 +54,7 @@ def test_the_hexagon_is_the_papers() -> None:
         0.05,
         Compensation.STOP_POINT,
     )
-    takeoff, form, hold, land = plan.steps
+    takeoff, form, hold, land = steps_of(plan)
     assert isinstance(takeoff, TakeoffStep)
     assert takeoff.height_m == 10
     assert isinstance(form, FormStep)
@@ -67,7 +68,7 @@ def test_the_hexagon_is_the_papers() -> None:
 
 def test_the_hexagon_is_regular_with_side_two() -> None:
     plan = load(MISSIONS / "hexagon.yaml").plan
-    form = plan.steps[1]
+    form = steps_of(plan)[1]
     assert isinstance(form, FormStep)
     around = sorted(form.slots, key=lambda slot: math.atan2(slot[1], slot[0]))
     sides = [math.dist(a, b) for a, b in zip(around, around[1:] + around[:1], strict=True)]
@@ -88,7 +89,7 @@ def test_an_agent_needs_little_more_than_a_start() -> None:
     plan = loads(without_section("fleet").replace("  kappa: 20\n", "")).plan
     assert (plan.kappa, plan.law.h) == (20, 0.2), "one iteration a tick, kappa * h = 4"
     assert plan.policies == Policies()
-    assert all(step.timeout_s > 0 for step in plan.steps)
+    assert all(step.timeout_s > 0 for step in steps_of(plan))
 
 
 def test_without_compensation_the_gain_is_the_papers() -> None:
@@ -98,7 +99,8 @@ def test_without_compensation_the_gain_is_the_papers() -> None:
 @pytest.mark.parametrize(("height_m", "climb_mps"), [(1, 5), (10, 1), (120, 0.1)])
 def test_time_outs_by_default_leave_room_for_the_height(height_m: float, climb_mps: float) -> None:
     limits = f"vehicle: {{limits: {{climb_mps: {climb_mps}}}}}\nlaw:"
-    steps = loads(edited(("height_m: 10", f"height_m: {height_m}"), ("law:", limits))).plan.steps
+    text = edited(("height_m: 10", f"height_m: {height_m}"), ("law:", limits))
+    steps = steps_of(loads(text).plan)
     assert steps[0].timeout_s > 1.5 * height_m / climb_mps
     assert steps[-1].timeout_s > 30 + height_m / 0.5
 
@@ -119,7 +121,7 @@ def test_words_that_older_yaml_would_turn_into_something_else_stay_words(name: s
         ("name: trio", f"name: {name}"),
     )
     loaded = loads(text)
-    assert (loaded.plan.name, loaded.plan.steps[1].shape) == (name, name)  # type: ignore[union-attr]
+    assert (loaded.plan.name, steps_of(loaded.plan)[1].shape) == (name, name)  # type: ignore[union-attr]
     assert loads(dumps(loaded.file)).file == loaded.file
 
 
@@ -277,7 +279,7 @@ def test_the_changes_above_reach_every_field_of_a_plan() -> None:
             key for key in before.keys() | after.keys() if before.get(key) != after.get(key)
         }
     constant = {f"{kind}.kind" for kind in ("TakeoffStep", "FormStep", "HoldStep", "LandStep")}
-    constant.add("LandStep.on_timeout")  # always to land
+    constant |= {"LandStep.on_timeout", "GroupPlan.name"}  # always to land; of the only group
     assert set(before) - reached <= constant
 
 

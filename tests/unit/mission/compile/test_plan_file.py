@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent
-from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.plan import GroupPlan, Plan
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.hold import HoldStep
 from swarm_ctl.core.model.steps.land import LandStep
@@ -30,6 +30,7 @@ from swarm_ctl.mission.compile.plan_file import (
 )
 from swarm_ctl.report.folder.manifest import Manifest
 from tests.unit.mission.example import edited
+from tests.unit.plans import steps_of, with_group
 from tests.unit.report.run_folders import PLAN, manifest
 
 MISSIONS = sorted((Path(__file__).parents[4] / "missions").glob("*.yaml"))
@@ -53,10 +54,10 @@ def again(plan: Plan) -> Plan:
 
 @given(st.lists(steps, max_size=5).map(tuple), numbers, st.text())
 def test_a_plan_comes_back_as_it_was(chosen: tuple[Any, ...], unit_m: float, name: str) -> None:
-    plan = replace(PLAN, steps=chosen, unit_m=unit_m, name=name)
+    plan = replace(with_group(PLAN, steps=chosen), unit_m=unit_m, name=name)
     assert again(plan) == plan
     assert again(plan).hash() == plan.hash()
-    assert [type(step) for step in again(plan).steps] == [type(step) for step in chosen]
+    assert [type(step) for step in steps_of(again(plan))] == [type(step) for step in chosen]
 
 
 @pytest.mark.parametrize("mission", MISSIONS, ids=lambda path: path.stem)
@@ -83,7 +84,7 @@ def test_what_a_mission_derives_is_within_the_bounds_of_its_plan(speed_mps: floa
 
 
 def test_a_plan_built_with_whole_numbers_has_the_same_hash() -> None:
-    plan = replace(PLAN, steps=(LandStep(90),), unit_m=5)
+    plan = replace(with_group(PLAN, steps=(LandStep(90),)), unit_m=5)
     assert again(plan).hash() == plan.hash()
     assert len(plan.fingerprint()) == 16
 
@@ -104,9 +105,9 @@ def test_an_unknown_field_is_refused_wherever_it_stands() -> None:
     text = plan_to_json(PLAN, FLEET)
     places = _places(json.loads(text))
     agents = len(PLAN.agents)
-    # document, plan, its sections, agents, lists, and the fleet's entries with their responses
-    lists = len(PLAN.shapes) + len(PLAN.steps)
-    assert len(places) == 2 + 6 + agents + lists + 2 * agents
+    # document, plan, its sections, its group, agents, lists, and the fleet's entries with responses
+    lists = len(PLAN.shapes) + len(steps_of(PLAN))
+    assert len(places) == 2 + 6 + 1 + agents + lists + 2 * agents
     for place in places:
         data = json.loads(text)
         inner = data
@@ -147,6 +148,24 @@ def test_what_is_wrong_is_told_with_what_would_be_allowed(
         plan_from_json(json.dumps(data))
     assert told in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("groups", "told"),
+    [
+        ((), "plan: no agents in a group; allowed: groups of one and more"),
+        ((replace(PLAN.groups[0], agents=()),), "plan: no agents in a group; allowed: groups of"),
+        ((PLAN.groups[0], replace(PLAN.groups[0], name="b")), "plan: agent id 1, 2, 3, 4, 5, 6 mo"),
+        ((PLAN.groups[0], replace(PLAN.groups[0], agents=())), "plan: group all more than once"),
+    ],
+)
+def test_each_agent_is_in_one_group(groups: tuple[GroupPlan, ...], told: str) -> None:
+    """What asks for an agent's group finds one, and two groups are never taken for one."""
+    plan = replace(PLAN, groups=groups)
+    fleet = tuple(agent for agent in FLEET.agents if groups and groups[0].agents)
+    with pytest.raises(ValidationError) as caught:  # the writer checks as the reader does
+        plan_to_json(plan, replace(FLEET, agents=fleet))
+    assert told in str(caught.value)
 
 
 def _bounded() -> Iterator[tuple[str, str, float]]:

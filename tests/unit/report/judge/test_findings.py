@@ -23,6 +23,7 @@ from swarm_ctl.report.folder.manifest import write_manifest
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary
 from swarm_sim.world import pair_distances
+from tests.unit.plans import steps_of, with_group
 from tests.unit.report.run_folders import (
     END,
     EXIT_CODES,
@@ -175,7 +176,7 @@ def test_a_landing_elsewhere(run: Path, away_m: float, outcome: str) -> None:
 
 def test_a_return_ends_at_the_start(run: Path) -> None:
     """The six land in their shape, where a `return` should have brought them to their starts."""
-    plan = replace(PLAN, steps=(*PLAN.steps[:-1], ReturnStep(60.0)))
+    plan = with_group(PLAN, steps=(*steps_of(PLAN)[:-1], ReturnStep(60.0)))
     write_manifest(run, manifest(plan, plan_hash=plan.fingerprint()))
     summary = summarise(run, EXIT_CODES)
     assert {each.kind for each in summary.findings} == {"landed elsewhere"}

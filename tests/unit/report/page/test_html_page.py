@@ -19,6 +19,7 @@ from swarm_ctl.report.page.drawing import save
 from swarm_ctl.report.page.figures import FIGURES, overlay
 from swarm_ctl.report.page.html_page import PAGE, comparison_table, make_comparison, make_report
 from swarm_ctl.report.page.run_history import read_history
+from tests.unit.plans import steps_of
 from tests.unit.report.run_folders import (
     FORM,
     FORMED,
@@ -194,7 +195,7 @@ def test_the_numbers_behind_the_figures(run: Path) -> None:
     assert history.nearest()[k] == pytest.approx(apart.min(axis=1))
     assert history.lengths()[k] == pytest.approx([apart[i - 1, j - 1] for i, j in history.links])
     errors = history.errors()
-    step = PLAN.steps[1]
+    step = steps_of(PLAN)[1]
     assert errors[k] == pytest.approx(where - np.array(step.slots) * PLAN.unit_m)  # type: ignore[union-attr]
     assert np.isnan(errors[history.flight.time_s < FORM - 0.05]).all()
     assert np.isnan(errors[history.flight.time_s > LAND + 0.05]).all()

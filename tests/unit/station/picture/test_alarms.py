@@ -29,6 +29,7 @@ from swarm_ctl.station.picture.alarms import RULES, Level, alarms
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.summaries import gather_alarms, verdict
 from swarm_ctl.station.picture.view import StationHealth, SwarmView
+from tests.unit.plans import steps_of, with_group
 from tests.unit.station.swarm import flying_model, hexagon_plan, report_of, state_of, status_of
 
 PLAN = hexagon_plan()
@@ -384,9 +385,9 @@ def test_vehicles_on_the_ground_are_not_too_close() -> None:
 def test_a_graph_that_a_step_chose_has_its_links_measured_after_that_step() -> None:
     """While its agents come together they may be apart; and it follows exchanged slots."""
     ring = tuple(tuple(sorted({k % 6 + 1, (k - 2) % 6 + 1})) for k in range(1, 7))
-    form = PLAN.steps[1]
+    first, form, *later = steps_of(PLAN)
     assert isinstance(form, FormStep)
-    plan = replace(PLAN, steps=(PLAN.steps[0], replace(form, neighbours=ring), *PLAN.steps[2:]))
+    plan = with_group(PLAN, steps=(first, replace(form, neighbours=ring), *later))
     model = flying_model(plan, 30.0)
     assert {(e.a, e.b) for e in model.view(30.0).edges} == {
         *((k, k + 1) for k in range(1, 6)),
