@@ -48,7 +48,7 @@ class OtherAircraft(NamedTuple):
     yields: bool = False
     """It does its half of keeping apart."""
     formation: FormationKey | None = None
-    """The (step, override) whose formation it flies; None: none, or its state is not fresh."""
+    """Whose formation it flies; None: none, or its state is not fresh."""
     response_s: float = 0.0
     """From a setpoint to its flown velocity, as it tells; 0: it tells none."""
     clock_unknown: bool = False
