@@ -140,26 +140,23 @@ class Swarm:
         words = tuple(f"{name}={value!r}" for name, value in values.items())
         return self._order(parse(" ".join((CommandKind.TUNE, *words)), self.plan))
 
-    def zone_add(
+    def zone(
         self,
+        verb: str,
         name: str,
         *,
         circle: tuple[float, float, float] | None = None,
         polygon: Sequence[tuple[float, float]] = (),
         **heights: float,
     ) -> SentCommand:
-        """A zone that no vehicle enters, for all agents at one time: a circle (north, east, radius)
-        or a polygon of corners (north, east) [m]; `floor`, `ceiling`, `clearance` as wanted [m]."""
-        shape = "polygon" if circle is None else "circle"
+        """Add or lift a zone that no vehicle enters, for all agents at one time: `zone("add",
+        "pond", circle=(north, east, radius))`, or `polygon` of corners (north, east), and `floor`,
+        `ceiling`, `clearance` as wanted, in metres; `zone("lift", "pond")`."""
+        shape = [] if verb == "lift" else ["polygon" if circle is None else "circle"]
         numbers = [x for corner in polygon for x in corner] if circle is None else list(circle)
-        words = [f"{number!r}" for number in numbers]
+        words = [*shape, *(f"{number!r}" for number in numbers)]
         words += [f"{key}={value!r}" for key, value in heights.items()]
-        line = " ".join((CommandKind.ZONE, "add", name, shape, *words))
-        return self._order(parse(line, self.plan))
-
-    def zone_lift(self, name: str) -> SentCommand:
-        """A zone is none any more, for all agents at one time."""
-        return self._order(parse(f"{CommandKind.ZONE} lift {name}", self.plan))
+        return self._order(parse(" ".join((CommandKind.ZONE, verb, name, *words)), self.plan))
 
     def land(self, *agents: int) -> SentCommand:
         """Land where they are: these agents, and the others do as the mission's policy says; or
@@ -289,6 +286,19 @@ class AsyncSwarm:
     async def tune(self, **values: float) -> SentCommand:
         """`Swarm.tune`."""
         return await self._do(lambda: self._swarm.tune(**values))
+
+    async def zone(
+        self,
+        verb: str,
+        name: str,
+        *,
+        circle: tuple[float, float, float] | None = None,
+        polygon: Sequence[tuple[float, float]] = (),
+        **heights: float,
+    ) -> SentCommand:
+        """`Swarm.zone`."""
+        zone = self._swarm.zone
+        return await self._do(lambda: zone(verb, name, circle=circle, polygon=polygon, **heights))
 
     async def land(self, *agents: int) -> SentCommand:
         """`Swarm.land`."""
