@@ -9,13 +9,20 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 from swarm_ctl.core.model.messages import ABOUT, CommandKind, Gains
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.zones import Zone
-from swarm_ctl.core.swarm.gain_update import bad_zones, limits, out_of_range, planned
+from swarm_ctl.core.swarm.gain_update import (
+    bad_zones,
+    limits,
+    out_of_range,
+    planned,
+    values_of,
+    with_values,
+)
 from swarm_ctl.errors import InputError
 
 
@@ -141,7 +148,7 @@ def arguments(kind: Kind, named: Sequence[str], plan: Plan) -> list[str]:
     if kind.name is CommandKind.FORM:
         return [] if named else [shape.name for shape in plan.shapes]
     if kind.name is CommandKind.TUNE:
-        values = asdict(planned(plan)).items()
+        values = values_of(planned(plan)).items()
         taken = {word.partition("=")[0] for word in named}
         return [*(f"{name}={value:g}" for name, value in values if name not in taken), "plan"]
     if kind.name is CommandKind.ZONE:
@@ -158,7 +165,7 @@ def tuned(words: Iterable[str], law: Gains, plan: Plan) -> Gains:
     changes: dict[str, float] = {}
     for word in words:
         if word == "plan":
-            changes |= asdict(planned(plan))
+            changes |= values_of(planned(plan))
             continue
         name, _, value = word.partition("=")
         if name not in limits(plan) or not math.isfinite(_number(value)):
@@ -171,7 +178,7 @@ def tuned(words: Iterable[str], law: Gains, plan: Plan) -> Gains:
         raise InputError(
             f"tune changes nothing; allowed: plan, or values of {', '.join(limits(plan))}"
         )
-    gains = replace(law, **changes)
+    gains = with_values(law, changes)
     wrong = out_of_range(gains, plan)
     if wrong:
         raise InputError(f"tune: {wrong}")

@@ -58,6 +58,9 @@ _CLOCK: Final = struct.Struct("<BHdB")
 _ECHO: Final = struct.Struct("<Hdd")
 """agent, told_s, held_s"""
 _NO_FRAME: Final = Frame((0.0, 0.0), scale=0.0)
+_NO_NUMBERS: Final = b',"own":[]'
+"""`Gains.own` of the paper's law: a narrow radio need not hear it. In a text it would have other
+quotes."""
 _exchange = lru_cache(1024)(ExchangeState)
 """Most states repeat the one before: equal ones are one object, which compares fast."""
 _exchange_fields = attrgetter(*(field.name for field in fields(ExchangeState)))
@@ -74,7 +77,7 @@ def encode(payload: object) -> bytes:
         return _encode_state(payload)
     if isinstance(payload, ClockNews):
         return _encode_clock(payload)
-    return bytes([VERSION]) + _ADAPTERS[type(payload)].dump_json(payload)
+    return bytes([VERSION]) + _ADAPTERS[type(payload)].dump_json(payload).replace(_NO_NUMBERS, b"")
 
 
 def decode(kind: type[P], data: bytes) -> P:

@@ -15,10 +15,12 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from swarm_ctl.core.model.plan import LawParameters
+from swarm_ctl.law_loader import own_law_of
 from swarm_ctl.signals import deaf_children, deaf_tracker, hears
 from swarm_ctl.study.batch.batch import Batch, blocks, draw, flown_alike, joined
 from swarm_ctl.study.batch.batch_flight import fly
-from swarm_ctl.study.batch.compiled import available, waits
+from swarm_ctl.study.batch.compiled import available, interpreted, law_compiled, waits
 from swarm_ctl.study.parameter_space import Cell, Study
 from swarm_ctl.study.rows import Row, rows_file, rows_of
 
@@ -49,7 +51,7 @@ def run_study(
     missing = {block: work[block] for block in file.missing}
     flown = study.rows - _missions(missing.values())
     if missing:
-        prepare(console)
+        prepare(console, study.law)
     columns = (TextColumn("missions"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("missions", total=study.rows, completed=flown)
@@ -68,9 +70,9 @@ def run_study(
             raise
 
 
-def prepare(console: Console) -> None:
+def prepare(console: Console, law: LawParameters | None = None) -> None:
     """Compile what flies missions, if that has not been done: once, for all processes. Says what
-    takes its time."""
+    takes its time, an own law too that is not compiled."""
     if not available():
         console.print(
             "numba is not installed: missions take a hundred times as long; faster with: pip"
@@ -80,6 +82,12 @@ def prepare(console: Console) -> None:
         console.print("compiling the flight of missions, once after each change of it ...")
         ((cell, first, count),) = blocks(Study(n=2, missions=1, limit_s=1.0))
         fly(draw(cell, first, count))
+    own = own_law_of(law) if law is not None else None
+    if own is not None and interpreted(own):
+        why = law_compiled(own).why
+        console.print(
+            f"law {own.name!r} is not compiled, so its missions take tens of times as long: {why}"
+        )
 
 
 def fly_studies(

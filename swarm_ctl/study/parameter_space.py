@@ -8,6 +8,7 @@ missions` of cell `k // missions`.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import Any, Final, Literal, Self
 
@@ -25,7 +26,7 @@ from pydantic import (
 from swarm_ctl.core.law.stop_point import TYPICAL
 from swarm_ctl.core.model.plan import Compensation, LawParameters, Response
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
-from swarm_ctl.own_laws import pinned
+from swarm_ctl.law_loader import pinned
 
 ShapeKind = Literal["ring", "line", "grid", "vee", "wedge"]
 SlotOrder = Literal["given", "random", "nearest"]
@@ -113,8 +114,8 @@ class _Common(BaseModel):
     missions: int = Field(default=1000, ge=1)
     """Per cell."""
     law: LawParameters = LawParameters()
-    """`r`, `r_out`, `r_in`, `delta_l`, `delta_a`, and `own`, the name of an own law; `h` stands
-    beside it, as a list."""
+    """`r`, `r_out`, `r_in`, `delta_l`, `delta_a`; `own`, the name of an own law, and `parameters`,
+    its numbers by name. `h` stands beside it, as a list."""
     unit_m: float = Field(default=5.0, gt=0)
     """Metres per unit."""
     tick_s: float = Field(default=0.05, gt=0)
@@ -128,14 +129,25 @@ class _Common(BaseModel):
     limit_s: float = Field(default=300.0, gt=0)
     """Missions that have not formed by then are ended."""
 
+    @field_validator("law", mode="before")
+    @classmethod
+    def _pinned(cls, law: Any) -> Any:
+        """A name, and numbers by name, become what a plan has of a law."""
+        fields = asdict(law) if isinstance(law, LawParameters) else law
+        if not isinstance(fields, Mapping):
+            return law
+        own, given = fields.get("own", ""), fields.get("parameters", {})
+        if isinstance(own, str) and "@" not in own and isinstance(given or {}, Mapping):
+            return {**fields, **pinned(own or "paper", given or {})}
+        return law
+
     @field_validator("law")
     @classmethod
     def _one_h(cls, law: LawParameters) -> LawParameters:
-        own = law.own if not law.own or "@" in law.own else pinned(law.own)
-        return replace(law, h=LawParameters().h, own=own)
+        return replace(law, h=LawParameters().h)
 
     @field_serializer("law")
-    def _without_h(self, law: LawParameters) -> dict[str, float | str]:
+    def _without_h(self, law: LawParameters) -> dict[str, Any]:
         """The gain that is flown stands beside it, as a list."""
         return {name: number for name, number in asdict(law).items() if name != "h"}
 

@@ -15,6 +15,7 @@ from rich.table import Table
 from swarm_ctl.core.kernel.law import STATUSES
 from swarm_ctl.core.law.stop_point import TYPICAL
 from swarm_ctl.core.model.arrays import Floats, Indices
+from swarm_ctl.core.model.plan import LawParameters
 from swarm_ctl.errors import InputError
 from swarm_ctl.study.batch.batch import Batch
 from swarm_ctl.study.batch.batch_flight import fly
@@ -115,7 +116,7 @@ def write_mission(flown: Rerun, path: Path) -> list[str]:
             "delta_l": law.delta_l,
             "delta_a": law.delta_a,
         }
-        | ({"own": law.own.partition("@")[0]} if law.own else {}),
+        | _own_law(law),
         "vehicle": {"limits": {"speed_mps": cell.speed_mps}},
         "safety": _safety(cell),
         "agents": [{"id": k + 1, "start": start} for k, start in enumerate(_pairs(batch.starts))],
@@ -129,6 +130,13 @@ def write_mission(flown: Rerun, path: Path) -> list[str]:
         document["simulation"] = {"parameters": wind}
     path.write_text(yaml.safe_dump(document, sort_keys=False))
     return list(_not_carried(batch))
+
+
+def _own_law(law: LawParameters) -> dict[str, Any]:
+    if not law.own:
+        return {}
+    numbers = {each.name: each.value for each in law.parameters}
+    return {"own": law.own.partition("@")[0]} | ({"parameters": numbers} if numbers else {})
 
 
 def _not_carried(batch: Batch) -> Iterator[str]:

@@ -28,6 +28,7 @@ from swarm_ctl.core.model.messages import (
     StationBeacon,
 )
 from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.law_loader import own_law_of
 from swarm_ctl.mavlink.autopilots.timing import streams_hz
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.signing import UNITS_S, LinkSigning
@@ -37,7 +38,6 @@ from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.transport import Transport
 from swarm_ctl.mission.compile.loader import LoadedMission
-from swarm_ctl.own_laws import own_law_of
 from swarm_ctl.runtime.agent.publish import listen, publish
 from swarm_ctl.runtime.collector import collected_rarely
 from swarm_ctl.runtime.launch.sim_config import simulator_config

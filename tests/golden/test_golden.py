@@ -6,12 +6,13 @@ import gzip
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from swarm_ctl.core.kernel import law
+from swarm_ctl.core.control import controller
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.mavlink import outgoing
 from tests.golden.__main__ import main
@@ -92,13 +93,13 @@ def test_the_first_difference_is_named(
     """A flight again is the same. With another gain of the law it is, until that acts."""
     before, _ = traces
     assert "1 flights, 0 differ" in _after(tmp_path / "again", capsys, before)
-    terms = law.terms
+    paper = controller.PAPER
 
     def stronger(*given: Any) -> tuple[complex, complex, int]:
-        consensus, *others = terms(*given)
+        consensus, *others = paper.form(*given)
         return 1.001 * consensus, *others
 
-    monkeypatch.setattr(law, "terms", stronger)
+    monkeypatch.setattr(controller, "PAPER", replace(paper, form=stronger))
     told = _after(tmp_path / "after", capsys, before)
     assert re.match(rf"{ROW}: at [\d.]+ s: agent \d+, link, SET_POSITION.*, v[xy]: ", told), told
 

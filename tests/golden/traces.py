@@ -203,6 +203,9 @@ class _Trace:
                 of = agents.setdefault(said, {})
                 fields = dataclasses.asdict(payload)
                 fields.pop("plan_hash", None)
+                gains = (fields.get("tuning") or fields).get("gains")
+                if gains and not gains["own"]:
+                    gains.pop("own")  # the paper's law is flown: none of another has numbers
                 of.setdefault(channel.name, []).append(fields)
         return _line({"now_s": swarm.now} | agents)
 

@@ -1,121 +1,288 @@
-"""An own law behind an entry point: one function for studies and agents."""
+"""An own law, one form everywhere: a file or a package, in studies, in forecasts, in flight."""
 
 from __future__ import annotations
 
 import importlib
+import io
 import sys
-from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
+from swarm_ctl import law_loader
+from swarm_ctl.commands.parse import tuned
 from swarm_ctl.core.model.plan import LawParameters
+from swarm_ctl.core.swarm.gain_update import planned
 from swarm_ctl.errors import InputError, MissionError
+from swarm_ctl.law_loader import LawError, law_of, own_law, pinned
 from swarm_ctl.mission.compile.loader import load, loads
-from swarm_ctl.own_laws import LawError, law_of, pinned
-from swarm_ctl.study.batch.batch import draw
+from swarm_ctl.mission.compile.rehearsal import Rehearsal
+from swarm_ctl.study.batch import batch_flight
+from swarm_ctl.study.batch.batch import Batch, draw
 from swarm_ctl.study.batch.batch_flight import BatchResult, fly
+from swarm_ctl.study.batch.compiled import interpreted
+from swarm_ctl.study.executor import run_study
 from swarm_ctl.study.parameter_space import Study
+from swarm_ctl.study.rerun import rerun, write_mission
 from tests.scenarios.swarm import VirtualSwarm
 from tests.scenarios.test_steps import FORM, TEXT, THIRD, shape_error_m
+from tests.scenarios.test_tuning import Desk
 
 HEXAGON = Path(__file__).parents[2] / "missions" / "hexagon.yaml"
-SOURCE = '''
-import numpy as np
-from swarm_ctl.core.law.formation_law import LawResult
+PLAIN = '''"""Consensus alone."""
+from swarm_ctl.law import Annotated, Between, NamedTuple, LawTerms
 
-SHAPES = []
+MEMORY = 1
 
-def law(own, own_slot, others, other_slots, neighbour, present, lower_id, law):
-    """Consensus alone, a tenth faster than the paper's."""
-    SHAPES.append(own.shape)
-    linked = (neighbour & present)[..., None]
-    apart = (others - other_slots - (own - own_slot)[..., None, :]) * linked
-    gain = 1.1 * np.asarray(law.h)[..., None] / np.maximum(linked.sum(axis=-2), 1)
-    consensus = gain * apart.sum(axis=-2)
-    return LawResult(consensus, consensus, np.zeros_like(consensus), None)
 
-def broken(own, *others):
-    none = np.full_like(own, np.nan)
-    return LawResult(none, none, none, None)
+class Parameters(NamedTuple):
+    rate: Annotated[float, Between(0.1, 4, "[1/s]")] = 2.0
+
+
+def terms(me, others, p, memory):
+    memory[0] += 1.0
+    total, count = 0j, 0
+    for other in others:
+        if other.neighbour:
+            total += other.at - other.slot - (me.at - me.slot)
+            count += 1
+    return LawTerms(p.rate * total / max(count, 1), 0j)
 '''
+LOOSE = PLAIN.replace("total, count = 0j, 0\n", 'total, count, met = 0j, 0, {"who": 0}\n').replace(
+    "count += 1", 'count += 1\n            met["who"] = [count, "words"]'
+)
+"""The same in Python that numba does not compile."""
+CALLS = """
+from swarm_ctl.law import LawTerms
+
+CALLS = []
+
+def terms(me, others, p, memory):
+    CALLS.append((me, list(others), p, len(memory)))
+    return LawTerms(0j, 0j)
+"""
+BROKEN = """
+from swarm_ctl.law import LawTerms
+
+def terms(me, others, p, memory):
+    return LawTerms(complex(float("nan"), 0.0), 0j)
+"""
 
 
 @pytest.fixture(autouse=True)
-def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A package that offers the laws `plain` and `broken`."""
-    source = tmp_path / "plain_law.py"
-    source.write_text(SOURCE)
-    about = tmp_path / "plain_law-1.0.dist-info"
-    about.mkdir()
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: plain-law\nVersion: 1.0\n")
-    points = "plain = plain_law:law\nbroken = plain_law:broken\n"
-    (about / "entry_points.txt").write_text(f"[swarm_ctl.laws]\n{points}")
-    monkeypatch.syspath_prepend(tmp_path)
-    importlib.invalidate_caches()
-    yield source
-    sys.modules.pop("plain_law", None)
-
-
-def shapes() -> list[tuple[int, ...]]:
-    """With which leading axes `plain` was called."""
-    found: list[tuple[int, ...]] = sys.modules["plain_law"].SHAPES
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Laws as files of a user."""
+    found = tmp_path / "laws"
+    found.mkdir()
+    monkeypatch.setenv(law_loader.FOLDER_VARIABLE, str(found))
+    for name, text in (("plain", PLAIN), ("loose", LOOSE), ("calls", CALLS), ("broken", BROKEN)):
+        (found / f"{name}.py").write_text(text)
     return found
 
 
-def studied(own: str) -> BatchResult:
+def batch_of(name: str, **given: float) -> Batch:
     """Twenty missions of six with late and lost states."""
     late = {"delay_s": ("0:0.1",), "loss": ("0:0.1",), "h": ("0.2",), "missions": 20}
-    study = Study.model_validate(late | {"law": LawParameters(own=own)})
-    return fly(draw(study.cells()[0], 0, 20))
+    law = {"own": name, "parameters": given}
+    return draw(Study.model_validate({**late, "law": law}).cells()[0], 0, 20)
 
 
-def test_a_study_flies_it() -> None:
-    """Its missions form, apart, and are not those of the paper's law."""
-    own, papers = studied(pinned("plain")), studied("")
+def studied(name: str, **given: float) -> BatchResult:
+    return fly(batch_of(name, **given))
+
+
+def alike(one: BatchResult, other: BatchResult) -> None:
+    for field in fields(BatchResult):
+        ours, theirs = getattr(one, field.name), getattr(other, field.name)
+        assert np.allclose(ours, theirs, rtol=0.0, atol=1e-6, equal_nan=True), field.name
+
+
+def test_a_study_flies_it_with_its_numbers() -> None:
+    """Its missions form, apart, and are not those of the paper's law, nor of another number."""
+    own, slow, papers = studied("plain"), studied("plain", rate=0.5), studied("paper")
     assert own.converged.all()
     assert (own.smallest > 0.5).all()
     assert own.statuses.sum() == 0
-    assert set(shapes()) <= {(k, 6, 2) for k in range(1, 21)}
+    assert own.time_s.mean() < slow.time_s.mean()
     assert not np.allclose(own.time_s, papers.time_s)
 
 
-def test_agents_fly_it() -> None:
-    """A square on the virtual clock, by a mission that names the law."""
-    text = TEXT + "  - land\n"
-    mission = loads(text.replace("law: {", "law: {own: plain, "))
-    assert mission.plan.law.own == pinned("plain")
-    assert mission.plan.hash() != loads(text).plan.hash()
+def test_compiled_or_called_a_study_flies_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A law that numba takes is compiled. One that it does not take is called, as the same
+    mathematics."""
+    pytest.importorskip("numba")
+    assert not interpreted(own_law("plain").law)
+    assert interpreted(own_law("loose").law)
+    whole = studied("plain")
+    alike(whole, studied("loose"))
+    monkeypatch.setattr(batch_flight, "interpreted", lambda _: True)
+    alike(whole, studied("plain"))
+
+
+def test_a_forecast_a_study_and_agents_tell_a_law_the_same_rows(folder: Path) -> None:
+    """Of one place of the swarm: the receiver, its neighbours with their slots, its own numbers;
+    never an array, never other leading axes."""
+    calls = sys.modules[str(own_law("calls").law.source.__module__)].CALLS
+    mission = loads((TEXT + "  - land\n").replace("law: {", "law: {own: calls, "))
+    plan = mission.plan
+    starts = np.array([agent.start for agent in plan.agents])
+    links = [agent.neighbours for agent in plan.agents]
+    calls.clear()
+    step = next(step for step in plan.steps if getattr(step, "slots", None))
+    Rehearsal(plan, step, starts, links).tick()
+    forecast = calls[: len(plan.agents)]
+    assert [me.id for me, *_ in forecast] == [agent.id for agent in plan.agents]
+    for (me, others, p, memory), agent in zip(forecast, plan.agents, strict=True):
+        assert {o.id for o in others} == {a.id for a in plan.agents} - {agent.id}
+        assert {o.id for o in others if o.neighbour} == set(agent.neighbours)
+        assert (p, memory) == ((), 0)
+        assert me.speed == pytest.approx(plan.limits.speed_mps / plan.unit_m)
+    calls.clear()
     swarm = VirtualSwarm(mission)
-    shapes().clear()
+    swarm.wait(lambda s: s.in_step(2))
+    swarm.tick()
+    flown = {me.id: (me, others) for me, others, _, _ in calls}
+    for me, others, _, _ in forecast:
+        mine, theirs = flown[me.id]
+        assert type(mine) is type(me)
+        assert mine._replace(at=0j, slot=0j, flies=0j) == me._replace(at=0j, slot=0j, flies=0j)
+        assert [o.id for o in theirs] == [o.id for o in others]
+        assert [o.lower for o in theirs] == [o.lower for o in others]
+    calls.clear()
+    studied("calls")
+    me, others, p, memory = calls[0]
+    assert (type(me), len(others), p, memory) == (type(forecast[0][0]), 5, (), 0)
+    assert all(type(other) is type(forecast[0][1][0]) for other in others)
+
+
+def test_a_row_becomes_a_mission_with_its_law_and_numbers(tmp_path: Path) -> None:
+    law = {"own": "plain", "parameters": {"rate": 1.5}}
+    study = Study.model_validate({"missions": 2, "n": 3, "law": law, "limit_s": 5.0})
+    run_study(study, tmp_path / "rows.csv", 1, Console(file=io.StringIO()))
+    write_mission(rerun(tmp_path / "rows.csv", 1), tmp_path / "row.yaml")
+    assert load(tmp_path / "row.yaml").plan.law.parameters == study.law.parameters
+
+
+def test_agents_fly_it() -> None:
+    """A square on the virtual clock, by a mission that names the law and a number of it; both are
+    in the plan's hash."""
+    text = TEXT + "  - land\n"
+    named = text.replace("law: {", "law: {own: plain, ")
+    mission = loads(named)
+    assert mission.plan.law.own == own_law("plain").pinned
+    other = loads(named.replace("own: plain, ", "own: plain, parameters: {rate: 1.5}, "))
+    assert len({loads(text).plan.hash(), mission.plan.hash(), other.plan.hash()}) == 3
+    swarm = VirtualSwarm(mission)
     swarm.wait(lambda s: s.in_step(THIRD))
     assert shape_error_m(swarm, FORM) < 0.6
     assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
-    assert set(shapes()) == {(1, 2)}
 
 
-def test_a_name_that_is_not_installed_is_refused_with_its_place() -> None:
-    text = HEXAGON.read_text().replace("law:", "law:\n  own: plane", 1)
-    with pytest.raises(MissionError, match=r"law\.own: law 'plane' is not .*broken, plain"):
-        loads(text)
+def test_its_numbers_are_tuned_in_flight_within_its_bounds() -> None:
+    """The station refuses a value beyond them, and so do agents; all agents fly the new one."""
+    desk = Desk(VirtualSwarm(loads((TEXT + "  - land\n").replace("law: {", "law: {own: plain, "))))
+    desk.swarm.wait(lambda s: s.in_step(2))
+    own = planned(desk.swarm.plan)
+    with pytest.raises(InputError, match=r"rate 9; allowed in flight: 0.1 to 4"):
+        tuned(["rate=9"], own, desk.swarm.plan)
+    with pytest.raises(InputError, match=r"no value of the law; allowed: h, kappa, rate"):
+        tuned(["delta_a=0.2"], own, desk.swarm.plan)
+    desk.tune(name="far", own=(("rate", 9.0),))
+    desk.run(4.0)
+    desk.tune(name="other", own=(("speed", 1.0),))
+    desk.run(4.0)
+    assert len(desk.failures) == 2
+    assert "rate 9; allowed in flight: 0.1 to 4" in desk.failures[0]
+    assert "numbers of another law; allowed: rate" in desk.failures[1]
+    desk.tune(own=tuned(["rate=1.25"], own, desk.swarm.plan).own)
+    desk.run(4.0)
+    assert len(desk.failures) == 2
+    for member in desk.swarm.members.values():
+        assert member.agent._controller.gains.own == (("rate", 1.25),)
+        assert member.agent._controller._numbers == (1.25,)
 
 
-def test_other_code_under_the_same_name_is_refused(installed: Path) -> None:
+@pytest.mark.parametrize(
+    ("fields_", "said"),
+    [
+        ("own: plane", r"law\.own: law 'plane' is not .*allowed: paper, .*leader.*plain"),
+        ("own: plain, parameters: {speed: 1}", r"law\.parameters: .*unknown.* speed; .*: rate"),
+        ("own: plain, parameters: {rate: 9}", r"law\.parameters: .*rate 9.*allowed: 0\.1 to 4"),
+        ("parameters: {rate: 1}", r"law\.parameters: .*unknown parameter rate; allowed: none"),
+    ],
+)
+def test_what_no_law_takes_is_refused_with_its_place(fields_: str, said: str) -> None:
+    with pytest.raises(MissionError, match=said):
+        loads((TEXT + "  - land\n").replace("law: {", f"law: {{{fields_}, "))
+
+
+def test_other_code_under_the_same_name_is_refused(folder: Path) -> None:
     """An agent whose computer has another source than the plan's does not start."""
-    planned = LawParameters(own=pinned("plain"))
+    planned = LawParameters(**pinned("plain"))
     assert law_of(planned)
-    installed.write_text(SOURCE.replace("1.1", "1.2"))
-    sys.modules.pop("plain_law")
-    importlib.invalidate_caches()
+    (folder / "plain.py").write_text(PLAIN.replace("2.0", "2.1"))
     with pytest.raises(InputError, match="the same source on each computer"):
         law_of(planned)
     with pytest.raises(InputError, match="the same source"):
         VirtualSwarm(replace(load(HEXAGON), plan=replace(load(HEXAGON).plan, law=planned)))
 
 
-def test_a_law_that_gives_no_numbers_ends_its_flight() -> None:
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("def law(me): pass\n", "has no function terms; allowed: def terms"),
+        ("def terms(me, others): pass\n", r"terms\(me, others\) does not take four values"),
+        (PLAIN.replace("MEMORY = 1", "MEMORY = 0.5"), "MEMORY is 0.5; allowed: a whole number"),
+        (PLAIN.replace(" = 2.0", ""), "parameter rate has no default in 0.1 to 4"),
+        (PLAIN.replace(" = 2.0", " = 9"), "parameter rate has no default in 0.1 to 4"),
+        (PLAIN.replace("rate:", "kappa:"), "parameter kappa has a name that `tune` needs"),
+        (PLAIN.replace("(NamedTuple)", ""), "Parameters is no NamedTuple"),
+        ("import nowhere\n", r"No module named 'nowhere' \(odd.py:1\)"),
+    ],
+)
+def test_a_module_that_is_no_law_is_refused(folder: Path, text: str, said: str) -> None:
+    (folder / "odd.py").write_text(text)
+    with pytest.raises(InputError, match=f"law 'odd' .*{said}"):
+        own_law("odd")
+
+
+def test_a_package_offers_one_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By an entry point. A name that is there twice is nobody's."""
+    (tmp_path / "packaged_law.py").write_text(PLAIN)
+    about = tmp_path / "packaged_law-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: packaged-law\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(
+        "[swarm_ctl.laws]\npackaged = packaged_law\nplain = packaged_law\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    importlib.invalidate_caches()
+    assert own_law("packaged").where == "packaged_law"
+    with pytest.raises(InputError, match=r"is there more than once: packaged_law and .*plain.py"):
+        own_law("plain")
+    sys.modules.pop("packaged_law", None)
+
+
+@pytest.mark.parametrize("compiles", [True, False])
+def test_a_law_that_gives_no_numbers_ends_its_flight(
+    compiles: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """NaN never becomes a setpoint."""
+    if not compiles:
+        monkeypatch.setattr(batch_flight, "interpreted", lambda _: True)
     with pytest.raises(LawError, match="law 'broken' gave"):
-        studied(pinned("broken"))
+        studied("broken")
+
+
+def test_what_its_author_did_not_foresee_is_told_with_its_line(folder: Path) -> None:
+    (folder / "odd.py").write_text(PLAIN.replace("max(count, 1)", "count"))
+    law = own_law("odd").law
+    me = (1, 0j, 0j, 0j, 1.0, 0.05, 1.0, 4.5, 1.5, 0.5)
+    with pytest.raises(LawError, match=r"law 'odd': ZeroDivisionError: .*\(odd.py:\d+\)"):
+        law.form(batch_flight.flight.Me(*me), [], law.numbers(), [0.0], [])
+    (folder / "odd.py").write_text(PLAIN.replace("0j)\n", "1e300)\n"))
+    with pytest.raises(LawError, match="at most 1e\\+06 units/s"):
+        own_law("odd").law.form(batch_flight.flight.Me(*me), [], law.numbers(), [0.0], [])

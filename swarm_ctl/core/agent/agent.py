@@ -27,7 +27,7 @@ from swarm_ctl.core.agent.takeover import Takeover
 from swarm_ctl.core.agent.tick import Attention, HeardStation, Tick
 from swarm_ctl.core.control.controller import Controller
 from swarm_ctl.core.control.navigation import Navigator, OwnFix
-from swarm_ctl.core.law.formation_law import OwnLaw
+from swarm_ctl.core.law.formation_law import FormationLaw
 from swarm_ctl.core.model.messages import (
     Ack,
     AgentState,
@@ -126,7 +126,7 @@ class Agent:
         speedup: of mission time; a command may be that much older, because its sender waits by the
             wall clock.
         same_clock: the agents that were started with it on the same clock.
-        own_law: the law that the plan pins in place of the paper's (`own_laws.py`).
+        own_law: the law that the plan pins in place of the paper's (`law_loader.py`).
     """
 
     def __init__(
@@ -140,7 +140,7 @@ class Agent:
         keys_end_s: float = math.inf,
         speedup: float = 1.0,
         same_clock: Container[int] = (),
-        own_law: OwnLaw | None = None,
+        own_law: FormationLaw | None = None,
     ) -> None:
         group, response = plan.group_of(agent_id), vehicle or plan.response
         self._plan, self._id = plan, agent_id

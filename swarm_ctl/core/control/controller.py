@@ -7,7 +7,6 @@ Horizontal vectors inside are complex numbers north + 1j * east [m, m/s].
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -15,8 +14,9 @@ from swarm_ctl.core.control.headwind import Headwind
 from swarm_ctl.core.control.law_input import LawInput, LawInputBuilder, flies_along
 from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.kernel import align, law
+from swarm_ctl.core.kernel.receiver import Me
 from swarm_ctl.core.kernel.wish import bent, shortened
-from swarm_ctl.core.law.formation_law import LawResult, OwnLaw
+from swarm_ctl.core.law.formation_law import PAPER, FormationLaw
 from swarm_ctl.core.law.own_response import OwnResponse
 from swarm_ctl.core.model.messages import Gains, PairReport, SigmaReport
 from swarm_ctl.core.model.plan import Compensation, Plan, Point, Response
@@ -25,6 +25,7 @@ from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.safety.own_way import OwnWay, WayLeg, wish_on
 from swarm_ctl.core.safety.safety_filter import SafetyFilter
 from swarm_ctl.core.safety.surroundings import FENCE_NAME
+from swarm_ctl.core.swarm.gain_update import planned
 from swarm_ctl.core.swarm.snapshot import NO_FORMATION, Formation, PeerSnapshot
 
 _APPROACH_RATE = 1.0
@@ -46,14 +47,15 @@ class Controller:
     """
 
     def __init__(
-        self, plan: Plan, own_id: int, vehicle: Response, own_law: OwnLaw | None = None
+        self, plan: Plan, own_id: int, vehicle: Response, own_law: FormationLaw | None = None
     ) -> None:
         if bool(plan.law.own) is not (own_law is not None):
             raise ValueError(f"the plan's law is {plan.law.own or 'the paper'}: not what is given")
         self._plan = plan
         self._own = own_id
         self._law_input = LawInputBuilder(plan, own_id)
-        self._own_law = own_law
+        self._law = own_law or PAPER
+        self._memory = [0.0] * self._law.memory
         self.estimate = OwnResponse(vehicle, plan.tick_s)
         self.headwind = Headwind(vehicle, plan.tick_s)
         self._located_s, self._down_m = math.inf, 0.0
@@ -65,11 +67,11 @@ class Controller:
         self._round = ""
         """The zone that the vehicle goes round, or has no way past: in words."""
         self._most_rate = vehicle.most_rate
-        self.set_gains(Gains(plan.law.delta_a, plan.law.delta_l, plan.law.h, plan.kappa))
+        self.set_gains(planned(plan))
         self._others: LawInput | None = None
         """Of the last evaluation, as the next three."""
         self._result = (0j, 0j)
-        """Consensus and avoidance [units]."""
+        """Consensus and avoidance, as the law gives them."""
         self._pairs: list[law.Pair] = []
         self._seen = 0
         """So many of the pairs are of it: those inside r_out."""
@@ -89,8 +91,12 @@ class Controller:
         h = min(gains.h, self._most_rate / gains.kappa)
         self.gains = gains
         of = self._plan.law
-        self._law = law.Law(of.r, of.r_out, of.r_in, h, gains.delta_l, gains.delta_a)
-        self._iteration_mps = self._plan.unit_m * gains.kappa
+        if of.own:
+            self._numbers = self._law.numbers(*(value for _, value in gains.own))
+        else:
+            self._numbers = law.Law(of.r, of.r_out, of.r_in, h, gains.delta_l, gains.delta_a)
+        self._reach = self._law.reach(self._numbers)
+        self._term_mps = self._plan.unit_m * self._law.rate(gains.kappa)
         self.gain = gains.kappa * h
         """The law's own rate [1/s]."""
         self._lead_s: float = lead_s(self.gain)
@@ -247,8 +253,8 @@ class Controller:
             place = own + complex(*off_m)
         else:
             slot = complex(*formation.slots.get(self._own, (0.0, 0.0)))
-            error, count = own / unit - slot, sum(self._others.along)
-            mean = (sum(self._others.errors_along()) + error) / (count + 1)
+            error, count = own / unit - slot, self._others.along
+            mean = (sum(self._others.errors) + error) / (count + 1)
             place = (slot + mean) * unit
         leg = self._leg(place)
         speed_mps = self._plan.limits.speed_mps
@@ -256,44 +262,36 @@ class Controller:
 
     def _terms(self, snapshot: PeerSnapshot, formation: Formation) -> tuple[complex, complex]:
         """The law's consensus, with the mean-error feedback, and its avoidance [m/s]."""
-        others = self._law_input.build(snapshot, formation, self._lead_s)
-        unit, rate = self._plan.unit_m, self._iteration_mps
+        unit, rate = self._plan.unit_m, self._term_mps
         own = complex(*self.point_m) / unit
+        others = self._law_input.build(snapshot, formation, self._lead_s, own, self._reach)
         slot = complex(*formation.slots.get(self._own, (0.0, 0.0)))
         consensus, avoidance = self._evaluate(others, own, slot)
         consensus *= rate
         if self._plan.safety.align and formation.key is not None:
-            errors = np.array(others.errors_along(), dtype=np.complex128)
-            total, count = complex(np.add.reduce(errors)), sum(others.along)
-            consensus += align.pull(own - slot, total, count) * unit
+            errors = np.array(others.errors, dtype=np.complex128)
+            total = complex(np.add.reduce(errors))
+            consensus += align.pull(own - slot, total, others.along) * unit
         return consensus, avoidance * rate
 
     def _evaluate(self, others: LawInput, own: complex, slot: complex) -> tuple[complex, complex]:
-        """The law's two terms [units]."""
-        self._others = others
-        if self._own_law is not None:
-            arrays = np.array([[own.real, own.imag]]), np.array([[slot.real, slot.imag]])
-            gains = self._law
-            parameters = replace(
-                self._plan.law, h=gains.h, delta_l=gains.delta_l, delta_a=gains.delta_a
-            )
-            result = self._own_law(*arrays, *others.arrays(), parameters)
-            self._pairs = _pairs_of(result)
-            self._seen = len(self._pairs)
-            terms = (complex(*term[0].tolist()) for term in (result.consensus, result.avoidance))
-            consensus, avoidance = terms
-        else:
-            consensus, avoidance, self._seen = law.terms(
-                own,
-                slot,
-                others.points,
-                others.slots,
-                others.linked,
-                others.present,
-                others.lower,
-                self._law,
-                self._pairs,
-            )
+        """The law's two terms, as it gives them."""
+        self._others, plan, of = others, self._plan, self._plan.law
+        me = Me(
+            self._own,
+            own,
+            slot,
+            complex(*self.setpoint_mps) / plan.unit_m,
+            plan.limits.speed_mps / plan.unit_m,
+            plan.tick_s,
+            self.gain,
+            of.r,
+            of.r_out,
+            of.r_in,
+        )
+        consensus, avoidance, self._seen = self._law.form(
+            me, others.rows, self._numbers, self._memory, self._pairs
+        )
         statuses = [pair.status for pair in self._pairs[: self._seen]]
         for status in statuses:
             self._tally[status] += 1
@@ -303,15 +301,17 @@ class Controller:
 
     def _around(self, wish: complex) -> complex:
         """The wish, bent around each aircraft within `r_out` that does not fly along: lost peers,
-        landing ones, strangers. Reads this tick's result of the law."""
+        landing ones, strangers. Reads this tick's rows."""
         if not wish or self._others is None:
             return wish
         unit, of = self._plan.unit_m, self._plan.law
-        for pair in self._pairs[: self._seen]:
-            if flies_along(self._others.aircraft[pair.place]):
+        own = complex(*self.point_m) / unit
+        for other, known in zip(self._others.aircraft, self._others.rows, strict=True):
+            away = own - known.at
+            squared = away.real * away.real + away.imag * away.imag
+            if squared >= of.r_out * of.r_out or flies_along(other):
                 continue
-            room_m = (pair.distance - 0.5 * (of.r_in + of.r_out)) * unit
-            away = complex(*self.point_m) / unit - self._others.points[pair.place]
+            room_m = (math.sqrt(squared) - 0.5 * (of.r_in + of.r_out)) * unit
             wish = bent(wish, away, max(0.0, _APPROACH_RATE * room_m))
         return wish
 
@@ -334,17 +334,6 @@ class Controller:
             (avoidance.real, avoidance.imag),
             tuple(_report_of(pair, others) for pair in self._pairs[: self._seen]),
         )
-
-
-def _pairs_of(result: LawResult) -> list[law.Pair]:
-    """What an own law tells of pairs; none where it tells nothing."""
-    told = result.pairs
-    if told is None:
-        return []
-    columns = (told.distance, told.neighbour, told.sigma, told.sigma_lb, told.d_lb, told.d_ub)
-    more = (told.d, told.alpha, told.status)
-    rows = zip(told.index[-1].tolist(), *(each.tolist() for each in (*columns, *more)), strict=True)
-    return [law.Pair(place, 0j, *numbers) for place, *numbers in rows]
 
 
 def _report_of(pair: law.Pair, others: LawInput) -> PairReport:

@@ -1,13 +1,10 @@
-"""From the snapshot of peers to what the law (26) takes."""
+"""From the snapshot of peers to the rows that a law takes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
-
+from swarm_ctl.core.kernel.receiver import Known
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Compensation, Plan, Point
 from swarm_ctl.core.model.rows import row
@@ -19,46 +16,18 @@ from swarm_ctl.core.swarm.snapshot import (
     predicted_s,
 )
 
-Floats: TypeAlias = NDArray[np.float64]
-Bools: TypeAlias = NDArray[np.bool_]
-
 
 @row
 class LawInput:
-    """The other aircraft as the law takes them. All lists have one item an aircraft: the plan's
-    other agents in its order, then traffic."""
+    """The other aircraft as the law takes them, in the plan's order, then traffic."""
 
-    aircraft: tuple[OtherAircraft, ...]
-    points: list[complex]
-    """north + 1j * east [units]"""
-    slots: list[complex]
-    """Likewise; 0 without one."""
-    linked: list[bool]
-    """It is a neighbour, and heard."""
-    present: list[bool]
-    """It was heard, or seen."""
-    lower: list[bool]
-    """The own id is lower: decides which way two on one spot part."""
-    along: list[bool]
-    """Fresh, with a slot, and it flies the same formation."""
-
-    def arrays(self) -> tuple[Floats, Floats, Bools, Bools, Bools]:
-        """The arguments `others` to `lower_id` of `formation_law.evaluate`, which own laws take."""
-        points, slots = (
-            np.array(each, dtype=np.complex128).view(np.float64).reshape(1, -1, 2)
-            for each in (self.points, self.slots)
-        )
-        neighbour, present, lower = (
-            np.array([each], dtype=np.bool_) for each in (self.linked, self.present, self.lower)
-        )
-        return points, slots, neighbour, present, lower
-
-    def errors_along(self) -> list[complex]:
-        """Of each aircraft [units]; 0 where it does not fly along."""
-        return [
-            point - slot if along else 0j
-            for point, slot, along in zip(self.points, self.slots, self.along, strict=True)
-        ]
+    aircraft: list[OtherAircraft]
+    """One a row."""
+    rows: list[Known]
+    errors: list[complex]
+    """Of every aircraft, point minus slot [units]; 0 where it does not fly along."""
+    along: int
+    """How many do: fresh, with a slot, and in the same formation."""
 
 
 class LawInputBuilder:
@@ -72,56 +41,76 @@ class LawInputBuilder:
         self._traffic = -1
         self._slots: Mapping[int, Point] = {}
 
-    def build(self, snapshot: PeerSnapshot, formation: Formation, lead_s: float) -> LawInput:
-        """All aircraft that may be near.
+    def build(
+        self,
+        snapshot: PeerSnapshot,
+        formation: Formation,
+        lead_s: float,
+        own: complex,
+        reach: float,
+    ) -> LawInput:
+        """All neighbours, and all aircraft within `reach` of `own` [units].
 
         A peer is carried on with its setpoint for at most `lead_s` [s], then with the formation's
         common velocity for as long as a prediction holds (`predicted_s`). A peer without a slot is
         no neighbour.
         """
         slots, neighbours = formation.slots, formation.neighbours
-        points: list[complex] = []
-        present, linked, along = [], [], []
         now, plain, unit_m = snapshot.now_s, self._plain, self._unit_m
         key, velocity = formation.key, formation.velocity
-        for peer in snapshot.peers:  # few calls: a large swarm has a hundred
-            flies = peer.formation
-            with_us = flies is not None and flies == key and peer.id in slots
-            moving = velocity if with_us else 0j
-            age_s = peer.age(now) if peer.far else peer.age_s
-            lead = min(age_s, lead_s)
-            further = min(age_s, predicted_s(peer)) - lead if moving else 0.0
-            told = peer.stop_point + peer.setpoint * lead + moving * further
-            points.append((peer.position if plain else told) / unit_m)
-            present.append(peer.state is not None)
-            along.append(with_us)
-            linked.append(
-                peer.followed
-                and peer.state is not None
-                and peer.id in neighbours
-                and peer.id in slots
-                and (with_us or not peer.elsewhere(key))  # mostly answered by the first
-            )
-        traffic = snapshot.traffic
-        aircraft = snapshot.peers + traffic
-        for other in traffic:
-            points.append(other.stop_point / unit_m)
-            present.append(True)
-            along.append(False)
-            linked.append(False)
+        traffic, within = snapshot.traffic, reach * reach
         if slots is not self._slots or len(traffic) != self._traffic:
             self._slots, self._traffic = slots, len(traffic)
-            self._places = [complex(*slots.get(other.id, (0.0, 0.0))) for other in aircraft]
-            self._lower = [other.id == TRAFFIC or self._own < other.id for other in aircraft]
-        return LawInput(
-            aircraft=aircraft,
-            points=points,
-            slots=self._places,
-            linked=linked,
-            present=present,
-            lower=self._lower,
-            along=along,
-        )
+            everyone = snapshot.peers + traffic
+            self._places = [complex(*slots.get(other.id, (0.0, 0.0))) for other in everyone]
+            self._lower = [other.id == TRAFFIC or self._own < other.id for other in everyone]
+        new = tuple.__new__  # a third of the time that `Known(...)` takes
+        aircraft: list[OtherAircraft] = []
+        rows: list[Known] = []
+        errors: list[complex] = []
+        count = 0
+        for peer, place, lower in zip(snapshot.peers, self._places, self._lower, strict=False):
+            # few calls: a large swarm has a hundred
+            agent, state, setpoint = peer.id, peer.state, peer.setpoint
+            flies = peer.formation
+            with_us = flies is not None and flies == key and agent in slots
+            age_s = peer.age(now) if peer.far else peer.age_s
+            lead = min(lead_s, age_s)
+            if plain:
+                point = peer.position / unit_m
+            elif with_us and velocity:
+                further = min(age_s, predicted_s(peer)) - lead
+                point = (peer.stop_point + setpoint * lead + velocity * further) / unit_m
+            else:
+                point = (peer.stop_point + setpoint * lead) / unit_m
+            if with_us:
+                errors.append(point - place)
+                count += 1
+            else:
+                errors.append(0j)
+            if state is None:
+                continue
+            linked = (
+                agent in neighbours
+                and peer.followed
+                and (with_us or (agent in slots and not peer.elsewhere(key)))
+            )
+            if not linked:
+                q = own - point
+                if not q.real * q.real + q.imag * q.imag < within:
+                    continue
+            aircraft.append(peer)
+            known = (agent, point, place, setpoint / unit_m, age_s, linked, lower)
+            rows.append(new(Known, known))
+        for other in traffic:
+            errors.append(0j)
+            point = other.stop_point / unit_m
+            q = own - point
+            if q.real * q.real + q.imag * q.imag < within:
+                aircraft.append(other)
+                flown = other.setpoint / unit_m
+                rows.append(new(Known, (TRAFFIC, point, 0j, flown, other.age_s, False, True)))
+        return LawInput(aircraft=aircraft, rows=rows, errors=errors, along=count)
 
 
 def flies_along(other: OtherAircraft) -> bool:

@@ -11,9 +11,10 @@ is (9).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import MutableSequence, Sequence
 from typing import Final, NamedTuple
 
+from swarm_ctl.core.kernel.receiver import Known, Me
 from swarm_ctl.core.kernel.sequences import put
 
 STATUSES: Final = ("paper", "narrow", "inactive", "overspeed")
@@ -45,7 +46,7 @@ class Pair(NamedTuple):
     """One other agent inside `r_out`, and all that the law makes of it."""
 
     place: int
-    """Of the other, in the sequences that the law was given."""
+    """Of the other, in the rows that the law was given."""
     q: complex
     distance: float
     neighbour: bool
@@ -75,46 +76,33 @@ NO_PAIR: Final = Pair(
 
 
 def terms(
-    own: complex,
-    slot: complex,
-    points: Sequence[complex],
-    slots: Sequence[complex],
-    linked: Sequence[bool],
-    present: Sequence[bool],
-    lower: Sequence[bool],
-    law: Law,
-    pairs: list[Pair],
+    me: Me, others: Sequence[Known], law: Law, _memory: MutableSequence[float], pairs: list[Pair]
 ) -> tuple[complex, complex, int]:
     """One iteration of (26): consensus, avoidance, and how many `pairs` are inside `r_out`.
 
     Args:
-        own: p_i.
-        slot: z_i.
-        points: p_j; read only where `present`.
-        slots: z_j; read only where `linked`.
-        linked: j in N_i.
-        present: j is there.
-        lower: i has the lower id of the two; decides which way two agents on one spot part.
+        me: agent i.
+        others: each j that is a neighbour or within `r_out`; others count for nothing.
         law: its numbers.
+        _memory: this law needs none.
         pairs: filled anew.
     """
-    error, n = own - slot, 0j
+    own = me.at
+    error, n = own - me.slot, 0j
     count = strangers = found = 0
     reach = law.r_out * law.r_out
-    for j in range(len(points)):
-        if not present[j]:
-            continue
-        point, neighbour = points[j], linked[j]
+    for j in range(len(others)):
+        _, point, slot, _, _, neighbour, _ = others[j]
         q = own - point
         x, y = q.real, q.imag
         near = x * x + y * y < reach
         if neighbour:
-            n += point - slots[j] - error
+            n += point - slot - error
             count += 1
         elif near:
             strangers += 1
         if near:
-            seen = Pair(j, q, 0.0, bool(neighbour), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
+            seen = Pair(j, q, 0.0, neighbour, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
             found = put(pairs, found, seen)
     some = max(count, 1)
     gain, beta = law.h / some, law.h / (some * some)
@@ -125,7 +113,7 @@ def terms(
         if x < _SAME_SPOT:
             # they count as sqrt(delta_a) apart, the lower id north of the other
             x = math.sqrt(law.delta_a)
-            q = complex(x if lower[j] else -x, 0.0)
+            q = complex(x if others[j].lower else -x, 0.0)
         pull = complex(n.real * beta, n.imag * beta) if neighbour else 0j
         pair = adapted(j, q, x, neighbour, pull, count if neighbour else strangers, law)
         pairs[k] = pair

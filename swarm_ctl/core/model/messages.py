@@ -353,6 +353,8 @@ class Gains:
     h: float
     kappa: float
     """Iterations a second."""
+    own: tuple[tuple[str, float], ...] = ()
+    """(name, value) of each number of an own law, in its order."""
 
 
 @dataclass(frozen=True, slots=True)

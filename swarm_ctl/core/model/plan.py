@@ -51,6 +51,25 @@ class Geodetic:
 
 
 @dataclass(frozen=True, slots=True)
+class Between:
+    """The bounds of an own law's number, and what it means."""
+
+    least: float
+    most: float
+    about: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LawParameter:
+    """A number of an own law, within the bounds that the law gives it."""
+
+    name: str
+    value: float
+    least: float
+    most: float
+
+
+@dataclass(frozen=True, slots=True)
 class LawParameters:
     """docs/pages/law.md#symbols, in units; defaults are Table I and the hexagon of section VI."""
 
@@ -61,7 +80,9 @@ class LawParameters:
     delta_l: float = 2.0
     delta_a: float = 0.1
     own: str = ""
-    """NAME@DIGEST of an own law (`own_laws.py`); '': the paper's."""
+    """NAME@DIGEST of an own law (`law_loader.py`); '': the paper's."""
+    parameters: tuple[LawParameter, ...] = ()
+    """Of the own law, in its order."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,9 @@
-"""The law's gains changed in flight (`delta_a`, `delta_l`, `h`, `kappa`), and the zones: by all
-agents at one mission time, or by none. What holds for gains here holds for zones: an update has
-both, so `tune` keeps the zones, and `zone` the gains.
+"""The law's gains changed in flight, and the zones: by all agents at one mission time, or by none.
+The paper's gains are `delta_a`, `delta_l`, `h` and `kappa`; an own law's are its numbers, with the
+bounds it gives, and `h` and `kappa`. What holds for gains here holds for zones: an update has both,
+so `tune` keeps the zones, and `zone` the gains.
 
-Two phases. `tune` names the four values, the time from which they hold (about two seconds ahead)
+Two phases. `tune` names all values, the time from which they hold (about two seconds ahead)
 and the agents that fly. Each of those prepares the update or refuses it with a reason. When every
 one of them has prepared, and well before the time, the station sends `apply`: now the update is
 *decided*, and every agent that knows so puts it in force at its time. An update that was prepared
@@ -30,8 +31,8 @@ ahead of the sender's; peers follow an agent that is early as soon as they hear 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from swarm_ctl.core.model.geometry import area, crossing_edges
@@ -75,6 +76,7 @@ SAFE_RATE_AT_MOST: Final = 4.0
 """With the safety filter: 0 of 600 missions under r_in, n from 2 to 50, late and lost states."""
 PLAIN_RATE_AT_MOST: Final = 0.05
 """kappa * h with `compensation: none`: 0 of 300 missions under r_in; 80 with four times as much."""
+_SAID: Final = ("h", "kappa", "delta_a", "delta_l")
 _ROUNDING: Final = 1e-9
 ZONES_AT_MOST: Final = 250
 _CORNERS_AT_MOST: Final = 200
@@ -82,21 +84,46 @@ _FARTHEST_M: Final = 20_000.0
 _ORIGINAL: Final = (-math.inf, 0)
 
 
+_NAMES: Final = ("delta_a", "delta_l", "h", "kappa")
+_ALL_LAWS: Final = ("h", "kappa")
+"""The paper's gains that count for every law: how fast an agent flies to a place."""
+
+
 def planned(plan: Plan) -> Gains:
     """The mission's own gains."""
-    return Gains(plan.law.delta_a, plan.law.delta_l, plan.law.h, plan.kappa)
+    law = plan.law
+    own = tuple((each.name, each.value) for each in law.parameters)
+    return Gains(law.delta_a, law.delta_l, law.h, plan.kappa, own)
+
+
+def values_of(gains: Gains) -> dict[str, float]:
+    """Each gain by its name."""
+    names = _ALL_LAWS if gains.own else _NAMES
+    return {name: getattr(gains, name) for name in names} | dict(gains.own)
+
+
+def with_values(gains: Gains, changes: Mapping[str, float]) -> Gains:
+    """The gains with other values, by name."""
+    own = tuple((name, changes.get(name, value)) for name, value in gains.own)
+    names = _ALL_LAWS if gains.own else _NAMES
+    papers = {name: changes[name] for name in names if name in changes}
+    return replace(gains, **papers, own=own)
 
 
 def limits(plan: Plan) -> dict[str, tuple[float, float]]:
-    """The range of each value in flight, (least, most); a least of 0 means above 0. The mission's
-    own values are always allowed."""
+    """The range of each value in flight, (least, most); a least of 0 means above 0 for the paper's
+    gains. The mission's own values are always allowed."""
     own = planned(plan)
-    return {
+    papers = {
         "delta_a": (0.0, max(DELTA_A_AT_MOST, own.delta_a)),
         "delta_l": (2.0, max(DELTA_L_AT_MOST, own.delta_l)),
         "h": (0.0, max(H_SAFE_AT_MOST if plan.safety.filter else H_AT_MOST, own.h)),
         "kappa": (0.0, 1.0 / plan.tick_s),
     }
+    if not plan.law.own:
+        return papers
+    shared = {name: papers[name] for name in _ALL_LAWS}
+    return shared | {each.name: (each.least, each.most) for each in plan.law.parameters}
 
 
 def rate_at_most(plan: Plan) -> float:
@@ -109,11 +136,16 @@ def rate_at_most(plan: Plan) -> float:
 
 def out_of_range(gains: Gains, plan: Plan) -> str:
     """Why these gains cannot be flown, and what could; '' where they can."""
+    own = tuple(each.name for each in plan.law.parameters)
+    if tuple(name for name, _ in gains.own) != own:
+        return f"numbers of another law; allowed: {', '.join(own) or 'none of an own law'}"
     for name, (least, most) in limits(plan).items():
-        value = getattr(gains, name)
-        above = value >= least if least else value > 0
+        value = values_of(gains).get(name, math.nan)
+        above = value >= least if least or name in own else value > 0
         if not (math.isfinite(value) and above and value <= most + _ROUNDING):
-            span = f"{least:g} to {most:g}" if least else f"above 0, at most {most:g}"
+            span = (
+                f"{least:g} to {most:g}" if least or name in own else f"above 0, at most {most:g}"
+            )
             return f"{name} {value:g}; allowed in flight: {span}"
     rate, most = gains.kappa * gains.h, rate_at_most(plan)
     if rate > most + _ROUNDING:
@@ -123,14 +155,16 @@ def out_of_range(gains: Gains, plan: Plan) -> str:
 
 def named(gains: Gains) -> str:
     """`h 0.05, kappa 20, delta_a 0.1, delta_l 2`."""
-    values = (f"{name} {getattr(gains, name):g}" for name in ("h", "kappa", "delta_a", "delta_l"))
-    return ", ".join(values)
+    values = values_of(gains)
+    order = sorted(values, key=lambda name: _SAID.index(name) if name in _SAID else len(_SAID))
+    return ", ".join(f"{name} {values[name]:g}" for name in order)
 
 
 def differences(one: Gains, other: Gains) -> str:
     """`h 0.05 -> 0.04, kappa 20 -> 15`; '' where they are the same."""
-    pairs = zip(asdict(one).items(), asdict(other).values(), strict=True)
-    return ", ".join(f"{name} {a:g} -> {b:g}" for (name, a), b in pairs if a != b)
+    before, after = values_of(one), values_of(other)
+    pairs = ((name, a, after.get(name, math.nan)) for name, a in before.items())
+    return ", ".join(f"{name} {a:g} -> {b:g}" for name, a, b in pairs if a != b)
 
 
 def bad_zones(zones: tuple[Zone, ...]) -> str:

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from swarm_ctl import own_laws
+from swarm_ctl import law_loader
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import distances
 from swarm_ctl.core.safety.fence import area, crossing_edges, inside
@@ -75,13 +75,13 @@ def _gains(mission: MissionFile) -> Findings:
 
 
 def _own_law(mission: MissionFile) -> Findings:
-    if mission.law.own is None:
-        return
+    name, given = mission.law.own or "paper", mission.law.parameters
     try:
-        own_laws.pinned(mission.law.own)
+        law_loader.pinned(name, given)
     except InputError as error:
         what, _, allowed = str(error).partition("; allowed: ")
-        yield Mistake(("law", "own"), what, allowed)
+        of_values = "unknown parameter" in what or any(f": {each} " in what for each in given)
+        yield Mistake(("law", "parameters" if of_values else "own"), what, allowed)
 
 
 # --- origin, agents and their starts ---

@@ -14,6 +14,7 @@ from swarm_ctl.core.model.fleet import SigningPolicy, VehicleKind
 from swarm_ctl.core.model.plan import Compensation, Plan, Point, Policy
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.swarm.radio import LEAST_HZ, budget
+from swarm_ctl.law_loader import own_law
 from swarm_ctl.mission.checks import envelope
 from swarm_ctl.mission.fleet.build_fleet import fleet_of
 from swarm_ctl.mission.fleet.exposure import exposures
@@ -203,6 +204,13 @@ def _weak_avoidance(_mission: MissionFile, plan: Plan) -> Findings:
         yield Mistake(("law", "r_out"), what, "")
 
 
+def _law_for_tests(mission: MissionFile, _plan: Plan) -> Findings:
+    name = mission.law.own
+    if name not in (None, "paper") and own_law(name).for_tests:
+        what = f"the law {name} is for tests: it forms no shape, and what keeps vehicles apart is"
+        yield Mistake(("law", "own"), f"{what} the filter alone", "")
+
+
 def _fast_gain(_mission: MissionFile, plan: Plan) -> Findings:
     rate = plan.kappa * plan.law.h
     if plan.compensation is Compensation.NONE and rate > _PLAIN_RATE + 1e-9:
@@ -323,6 +331,7 @@ _WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (
     _stretched_links,
     _small_r_in,
     _weak_avoidance,
+    _law_for_tests,
     _fast_gain,
     _outside_the_envelope,
     _spare_fleet,

@@ -10,12 +10,12 @@ from swarm_ctl.core.model import plan
 from swarm_ctl.core.model.plan import Compensation, Plan, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.table import AnyStep
+from swarm_ctl.law_loader import pinned
 from swarm_ctl.mission.geometry.shapes import slot_count, slots_of
 from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.sections.mission_sections import SafetySection
 from swarm_ctl.mission.steps.among_zones import zones_of
 from swarm_ctl.mission.steps.table import KINDS
-from swarm_ctl.own_laws import pinned
 
 _FENCE_MARGIN_M = 100.0
 """Around everything planned, where a mission draws no fence of its own."""
@@ -71,7 +71,7 @@ def _law(mission: MissionFile, kappa: float, safety: plan.Safety) -> plan.LawPar
         h=law.h or h,
         delta_l=law.delta_l,
         delta_a=law.delta_a,
-        own=pinned(law.own) if law.own else "",
+        **pinned(law.own or "paper", law.parameters),
     )
 
 

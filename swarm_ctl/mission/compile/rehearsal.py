@@ -8,7 +8,6 @@ as long (docs/pages/safety.md#the-envelope).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -16,8 +15,9 @@ from swarm_ctl.core.kernel import align
 from swarm_ctl.core.kernel.coast import coasted
 from swarm_ctl.core.kernel.constraints import Other, constrains, fits, kept, margins_of, tight
 from swarm_ctl.core.kernel.decide import Link, Own, decided
-from swarm_ctl.core.kernel.law import Law, Pair, terms
+from swarm_ctl.core.kernel.law import Law, Pair
 from swarm_ctl.core.kernel.program import Row
+from swarm_ctl.core.kernel.receiver import Known, Me
 from swarm_ctl.core.kernel.release import NO_RELEASE, noted, swirled, turned
 from swarm_ctl.core.kernel.response import (
     compared,
@@ -34,7 +34,7 @@ from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.safety.own_way import OwnWay, wish_on
 from swarm_ctl.core.safety.surroundings import Surroundings
 from swarm_ctl.core.safety.ways import WayMap
-from swarm_ctl.own_laws import law_of
+from swarm_ctl.law_loader import law_of
 
 
 class Rehearsal:
@@ -63,8 +63,13 @@ class Rehearsal:
         self.linked: Bools = np.array([[j in near for j in self._ids] for near in links])
         """j in N_i (n, n)."""
         self._slots = complex_of(np.array(step.slots, dtype=np.float64)).tolist()
-        self._own_law = law_of(of) if of.own else None
-        self._law = Law(of.r, of.r_out, of.r_in, of.h, of.delta_l, of.delta_a)
+        self._law = law_of(of)
+        self._numbers = (
+            self._law.numbers(*(each.value for each in of.parameters))
+            if of.own
+            else Law(of.r, of.r_out, of.r_in, of.h, of.delta_l, of.delta_a)
+        )
+        self._memory = [[0.0] * self._law.memory for _ in self._ids]
         speed_mps, unit_m = plan.limits.speed_mps, plan.unit_m
         self._margins = margins_of(of, plan.response, speed_mps, unit_m, unit_m)
         self._model = model_of(plan.response, plan.tick_s)
@@ -122,14 +127,13 @@ class Rehearsal:
         [units/s]."""
         plan, count = self._plan, len(points)
         errors = [point - slot for point, slot in zip(points, self._slots, strict=True)]
-        total = sum(errors)
-        found = self._own_terms(points) if self._own_law is not None else self._paper_terms(points)
+        total, rate = sum(errors), self._law.rate(plan.kappa)
         wishes = []
-        for error, (consensus, avoidance) in zip(errors, found, strict=True):
-            wish = consensus * plan.kappa
+        for error, (consensus, avoidance) in zip(errors, self._law_terms(points), strict=True):
+            wish = consensus * rate
             if plan.safety.align:
                 wish += align.pull(error, total - error, count - 1)
-            wishes.append((wish, avoidance * plan.kappa))
+            wishes.append((wish, avoidance * rate))
         return wishes
 
     def _round_zones(
@@ -148,45 +152,42 @@ class Rehearsal:
             found.append((bent, wish[1]) if leg.round else wish)
         return found
 
-    def _paper_terms(self, points: list[complex]) -> list[tuple[complex, complex]]:
-        """Of each agent; those that are neither neighbours nor close are not asked for."""
+    def _law_terms(self, points: list[complex]) -> list[tuple[complex, complex]]:
+        """The law's two terms of each agent, as it gives them."""
         at, found = np.array(points), []
-        close = np.abs(at[:, None] - at) <= self._law.r_out * (1.0 + 1e-9)
-        minded = self.linked | close
+        plan, unit_m, ids, slots = self._plan, self._unit_m, self._ids, self._slots
+        reach = self._law.reach(self._numbers)
+        minded = self.linked | (np.abs(at[:, None] - at) <= reach * (1.0 + 1e-9))
         np.fill_diagonal(minded, val=False)
+        flies = [setpoint / unit_m for setpoint in self._setpoint]
         for i, point in enumerate(points):
-            places = np.flatnonzero(minded[i]).tolist()
             linked = self.linked[i]
-            consensus, avoidance, _ = terms(
-                point,
-                self._slots[i],
-                [points[j] for j in places],
-                [self._slots[j] for j in places],
-                [bool(linked[j]) for j in places],
-                [True] * len(places),
-                [i < j for j in places],
-                self._law,
-                self._pairs,
+            rows = [
+                Known(
+                    id=ids[j],
+                    at=points[j],
+                    slot=slots[j],
+                    flies=flies[j],
+                    age_s=0.0,
+                    neighbour=bool(linked[j]),
+                    lower=i < j,
+                )
+                for j in np.flatnonzero(minded[i]).tolist()
+            ]
+            me = Me(
+                id=ids[i],
+                at=point,
+                slot=slots[i],
+                flies=flies[i],
+                speed=self._margins.speed,
+                tick_s=plan.tick_s,
+                gain=plan.kappa * plan.law.h,
+                r=plan.law.r,
+                r_out=plan.law.r_out,
+                r_in=plan.law.r_in,
             )
-            found.append((consensus, avoidance))
-        return found
-
-    def _own_terms(self, points: list[complex]) -> list[tuple[complex, complex]]:
-        """An own law's, agent by agent, as agents call it."""
-        assert self._own_law is not None  # noqa: S101
-        count, found = len(points), []
-        at, slots = plane_of(np.array(points)), plane_of(np.array(self._slots))
-        place = np.arange(count)
-        for i in range(count):
-            others = place != i
-            result = self._own_law(
-                *(at[[i]], slots[[i]], at[others][None], slots[others][None]),
-                *(self.linked[i, others][None], np.ones((1, count - 1), dtype=np.bool_)),
-                *((i < place[others])[None], replace(self._plan.law)),
-            )
-            consensus, avoidance = (
-                complex(*term[0].tolist()) for term in (result.consensus, result.avoidance)
-            )
+            memory = self._memory[i]
+            consensus, avoidance, _ = self._law.form(me, rows, self._numbers, memory, self._pairs)
             found.append((consensus, avoidance))
         return found
 

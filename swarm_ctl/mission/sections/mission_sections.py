@@ -42,8 +42,10 @@ class LawSection(Section):
     delta_a: float = Field(default=0.1, gt=0, le=100)
     """Offset of the repulsion's gain sigma above its lower bound (equation 67)."""
     own: str | None = None
-    """An own law in place of the paper's: the name under which an installed package offers it.
+    """Another law in place of the paper's, by its name; `swarm-ctl law` lists those that are here.
     `paper`, and the default, is the paper's."""
+    parameters: dict[str, float] = Field(default_factory=dict, max_length=100)
+    """Numbers of that law, by name, within the bounds that it gives. Default of each: the law's."""
 
 
 class SafetySection(Written[Safety]):

@@ -140,7 +140,8 @@ def _facts(plan: Plan, full: bool, *, routed: bool) -> Iterator[str]:
         f" {limits.climb_mps:g} up, {limits.descent_mps:g} down"
     )
     compensation = plan.compensation.value
-    own = f"own law {law.own.partition('@')[0]}, " if law.own else ""
+    numbers = "".join(f" {each.name} {each.value:g}," for each in law.parameters)
+    own = f"own law {law.own.partition('@')[0]},{numbers} " if law.own else ""
     yield f"law      {own}kappa {plan.kappa:g}, h {law.h:g}, {compensation}, tick {plan.tick_s:g} s"
     yield f"safety   {_safety(plan)}"
     if plan.fence is not None:

@@ -22,6 +22,7 @@ from swarm_ctl.core.model.fleet import RadioShare, SigningPolicy
 from swarm_ctl.core.model.messages import AgentStatus, Event, Glimpse, Outcome, Refusal, Severity
 from swarm_ctl.core.model.plan import Plan, Response
 from swarm_ctl.files import replacing
+from swarm_ctl.law_loader import own_law_of
 from swarm_ctl.mavlink.autopilots.timing import streams_hz
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.mirror import Mirror
@@ -32,7 +33,6 @@ from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_config import part_in
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
-from swarm_ctl.own_laws import own_law_of
 from swarm_ctl.rim import Rim
 from swarm_ctl.runtime.agent.narration import Narration
 from swarm_ctl.runtime.agent.publish import listen, publish

@@ -4,19 +4,19 @@ found."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
-from typing import Any, Final, Self, TypeAlias
+from dataclasses import dataclass, fields
+from typing import Final, Self, TypeAlias
 
 import numpy as np
 
 from swarm_ctl.core.kernel.law import STATUSES
-from swarm_ctl.core.law.formation_law import OwnLaw
-from swarm_ctl.core.model.arrays import Bools, Floats, Indices, Ints, complex_of, plane_of
-from swarm_ctl.core.model.timeouts import FAR_LATE_S, NEIGHBOUR_S
-from swarm_ctl.own_laws import law_of
+from swarm_ctl.core.kernel.receiver import Known
+from swarm_ctl.core.law.formation_law import FormationLaw
+from swarm_ctl.core.model.arrays import Bools, Floats, Indices, Ints
+from swarm_ctl.law_loader import LawError, own_law_of
 from swarm_ctl.study.batch import flight
 from swarm_ctl.study.batch.batch import Batch
-from swarm_ctl.study.batch.compiled import compiled
+from swarm_ctl.study.batch.compiled import compiled, interpreted
 from swarm_ctl.study.batch.missions import DRAWN, Missions, Setup, missions_of, setup_of
 from swarm_ctl.study.batch.motion import FIRMWARES, FirmwareMotion
 
@@ -83,14 +83,15 @@ class BatchResult:
 def fly(batch: Batch, observer: TickObserver | None = None) -> BatchResult:
     """Fly all missions of a batch to their ends."""
     setup, result = setup_of(batch, seen=observer is not None), BatchResult.blank(len(batch))
-    own_law = law_of(batch.cell.law) if setup.own_law else None
-    by_ticks = observer is not None or own_law is not None or batch.cell.vehicle in FIRMWARES
+    own_law = own_law_of(batch.cell.law)
+    called = own_law if own_law is not None and interpreted(own_law) else None
+    by_ticks = observer is not None or called is not None or batch.cell.vehicle in FIRMWARES
     together = len(batch) if by_ticks else max(1, _PAIRS // batch.cell.n**2)
     for first in range(0, len(batch), together):
         place = np.arange(first, min(first + together, len(batch)))
-        flight = MissionsFlight(batch.only(place), setup)
+        flight = MissionsFlight(batch.only(place), setup, own_law)
         if by_ticks:
-            flight.fly_by_ticks(observer, own_law)
+            flight.fly_by_ticks(observer, called)
         else:
             flight.fly()
         flight.tell(result, place)
@@ -100,19 +101,21 @@ def fly(batch: Batch, observer: TickObserver | None = None) -> BatchResult:
 class MissionsFlight:
     """Missions in the air."""
 
-    def __init__(self, batch: Batch, setup: Setup) -> None:
-        self._batch, self._setup, tick_s = batch, setup, batch.cell.tick_s
+    def __init__(self, batch: Batch, setup: Setup, own_law: FormationLaw | None = None) -> None:
+        self._setup, tick_s, self._law = setup, batch.cell.tick_s, own_law
+        called = own_law is not None and interpreted(own_law)
+        self._ahead = compiled(None if called else own_law)
         late_s = batch.delay_s + (batch.jitter_s if setup.jitters else 0.0)
         dead_s = batch.true_dead_time_s if batch.cell.vehicle == "lag" else batch.late_s.clip(0.0)
         late_ticks = int(np.rint(dead_s.max() / tick_s))
         delay_ticks = int(np.rint(late_s.max() / tick_s))
-        self.many = missions_of(batch, setup, delay_ticks, late_ticks)
+        self.many = missions_of(batch, setup, delay_ticks, late_ticks, interpreted=called)
         self.motion = None
         if batch.cell.vehicle in FIRMWARES:
             self.motion = FirmwareMotion(batch, late_ticks)
         self._losses = _generators(batch, 0) if setup.loses else []
         self._jitter = _generators(batch, 1) if setup.jitters else []
-        compiled()(setup, self.many, 0, 1, flight.BEGIN)
+        self._ahead(setup, self.many, 0, 1, flight.BEGIN)
 
     @property
     def flying(self) -> Bools:
@@ -122,7 +125,7 @@ class MissionsFlight:
 
     def fly(self) -> None:
         """All to their ends, in one call for the ticks between two draws."""
-        ahead = compiled()
+        ahead = self._ahead
         for tick in range(0, self._setup.last + 1, DRAWN):
             flying = self.flying
             if not flying.any():
@@ -131,17 +134,18 @@ class MissionsFlight:
             ticks = min(DRAWN, self._setup.last + 1 - tick)
             ahead(self._setup, self.many, tick, ticks, flight.TICK)
 
-    def fly_by_ticks(self, observer: TickObserver | None, own_law: OwnLaw | None) -> None:
-        """The same tick by tick, for what can't be compiled or has to be seen."""
-        setup, many, ahead = self._setup, self.many, compiled()
+    def fly_by_ticks(self, observer: TickObserver | None, called: FormationLaw | None) -> None:
+        """The same tick by tick, for what has to be seen, and for a law that is not compiled."""
+        setup, many, ahead = self._setup, self.many, self._ahead
         moves = flight.MOVE if self.motion is None else 0
         flying = self.flying
         for tick in range(setup.last + 1):
             if tick % DRAWN == 0:
                 self.draw(flying)
             ahead(setup, many, tick, 1, flight.DECIDE)
-            if own_law is not None:
-                _decide_own(own_law, self._batch, setup, many, tick, np.flatnonzero(flying))
+            if called is not None:
+                ahead(setup, many, tick, 1, flight.TELL)
+                _decide_own(called, setup, many, np.flatnonzero(flying))
             ahead(setup, many, tick, 1, flight.ACT)
             if observer is not None:
                 place = np.flatnonzero(flying)
@@ -170,6 +174,9 @@ class MissionsFlight:
     def tell(self, result: BatchResult, place: Indices) -> None:
         """What was found, of the missions at this place of the result."""
         many, whole, r2 = self.many, self.many.whole, self._setup.r**2
+        if self._law is not None and whole["broken"].any():
+            name = self._law.name
+            raise LawError(f"law {name!r} gave numbers that are no velocity; allowed: finite ones")
         result.smallest[place] = np.sqrt(whole["nearest"])
         result.smallest_silent[place] = np.sqrt(whole["nearest_silent"])
         result.converged[place], result.stuck[place] = whole["formed"], whole["stuck"]
@@ -189,27 +196,21 @@ class MissionsFlight:
         result.exchanges[place] = whole["exchanged"] // 2
 
 
-def _decide_own(
-    law: OwnLaw, batch: Batch, setup: Setup, many: Missions, tick: int, flying: Indices
-) -> None:
-    """The terms of an own law, with the leading axes (missions, agents)."""
-    n, whole, agent = batch.cell.n, many.whole[flying], many.agent[flying]
-    pair = many.pair[flying]
-    age_s = (tick - pair["sent_at"]) * setup.tick_s
-    most_s = 0.0 if setup.plain else whole["lead_s"][:, None, None]
-    carried = pair["told"] + pair["flies"] * np.minimum(age_s, most_s)
-    late_s = np.where(setup.far & (pair["heard_from"] > flight.since(setup, tick)), FAR_LATE_S, 0.0)
-    each: Any = whole["h"][:, None]
-    found = law(
-        *map(plane_of, (agent["point"], agent["slot"], carried, pair["slot"])),
-        pair["link"] & (age_s <= NEIGHBOUR_S + late_s),
-        np.broadcast_to(~np.eye(n, dtype=np.bool_), pair.shape),
-        np.broadcast_to(np.triu(np.ones((n, n), dtype=np.bool_), 1), pair.shape),
-        replace(batch.cell.law, h=each),
-    )
-    kappa = whole["kappa"][:, None]
-    many.agent["consensus"][flying] = complex_of(found.consensus) * kappa
-    many.agent["avoidance"][flying] = complex_of(found.avoidance) * kappa
+def _decide_own(law: FormationLaw, setup: Setup, many: Missions, flying: Indices) -> None:
+    """The terms of an own law that is not compiled, by what `TELL` has told."""
+    for k in flying.tolist():
+        w, agents = many.whole[k], many.agent[k]
+        numbers = law.numbers(*many.numbers[k].tolist())
+        for i, count in enumerate(many.told[k].tolist()):
+            me = flight.receiver(setup, w, agents[i], i)
+            rows = [Known(*each) for each in many.known[k, i, :count][_FIELDS].tolist()]
+            memory = many.memory[k, i].tolist()
+            consensus, avoidance, _ = law.form(me, rows, numbers, memory, [])
+            many.memory[k, i] = memory
+            flight.steer(w, agents[i], consensus, avoidance)
+
+
+_FIELDS: Final = list(Known._fields)
 
 
 def _generators(batch: Batch, stream: int) -> list[np.random.Generator]:

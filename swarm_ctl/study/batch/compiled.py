@@ -13,12 +13,12 @@ import math
 import os
 import sys
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 from types import FunctionType, ModuleType
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -31,12 +31,14 @@ from swarm_ctl.core.kernel import (
     exchange,
     law,
     program,
+    receiver,
     release,
     response,
     sequences,
     walls,
     wish,
 )
+from swarm_ctl.core.law.formation_law import FormationLaw
 from swarm_ctl.core.model import arrays, plan, timeouts
 from swarm_ctl.study.batch import flight, missions
 from swarm_ctl.study.batch.missions import Missions, Setup
@@ -44,7 +46,7 @@ from swarm_ctl.study.batch.missions import Missions, Setup
 Fly = Callable[[Setup, Missions, int, int, int], None]
 _MODULES: Final[tuple[ModuleType, ...]] = (
     *(align, boundary, coast, constraints, decide, exchange, law, program, release, response),
-    *(sequences, walls, wish, flight),
+    *(sequences, walls, wish, flight, receiver),
 )
 SOURCES: Final = (*_MODULES, missions, timeouts, arrays, plan)
 """Their constants are compiled in, and the types of their records."""
@@ -60,11 +62,26 @@ def waits() -> bool:
     return available() and not any(cache_folder().rglob("*.nbc"))
 
 
+def compiled(own: FormationLaw | None = None) -> Fly:
+    """`flight.fly`, compiled if it can be, with an own law that can be; its compiled twin takes the
+    place of `own`."""
+    whole = _whole()
+    if whole is None:
+        form = None if own is None else _called(own)
+        return partial(flight.fly, own_law=form) if form else flight.fly
+    pointer = None if own is None else law_compiled(own).pointer
+
+    def fly(setup: Setup, many: Missions, first: int, ticks: int, stages: int) -> None:
+        whole(_record(setup), many, first, ticks, stages, pointer)
+
+    return fly
+
+
 @cache
-def compiled() -> Fly:
-    """`flight.fly`, compiled if it can be."""
+def _whole() -> Any:
+    """`flight.fly`, compiled; None where it can't be."""
     if not available():
-        return flight.fly
+        return None
     from numba import config, njit
 
     kept = _writable(cache_folder())
@@ -73,12 +90,96 @@ def compiled() -> Fly:
     # what is called from compiled code alone needs no other way in
     inner: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     functions = _compilable(lambda each: _once(njit(error_model="numpy", **inner)(each)))
-    whole = njit(cache=kept, error_model="numpy")(functions["fly"])
+    return njit(cache=kept, error_model="numpy")(functions["fly"])
 
-    def fly(setup: Setup, many: Missions, first: int, ticks: int, stages: int) -> None:
-        whole(_record(setup), many, first, ticks, stages)
 
-    return fly
+class CompiledLaw(NamedTuple):
+    """An own law for the flight of missions."""
+
+    pointer: Any
+    """None: it is not compiled."""
+    why: str
+    """It is not."""
+
+
+@cache
+def law_compiled(own: FormationLaw) -> CompiledLaw:
+    """An own law, compiled if it can be."""
+    if not available():
+        return CompiledLaw(None, "numba is not installed")
+    import numba
+    from numba import njit
+    from numba.core.errors import NumbaError
+
+    types: Any = numba.types
+    typeof: Any = numba.typeof
+    me, known = typeof(receiver.SOMEONE), typeof(receiver.NO_ONE)
+    values = types.float64[::1]
+    signature = types.UniTuple(types.complex128, 2)(me, types.List(known), values, values)
+    # each number by its place: a record of an unknown number of them has no type
+    fields = ", ".join(f"values[{k}]" for k in range(len(own.numbers._fields)))  # type: ignore[attr-defined]
+    space = {"law": _with_helpers(own.source, {}), "numbers": own.numbers}
+    exec(  # noqa: S102 (a line of our own, with numbers alone)
+        f"def call(me, others, values, memory):\n"
+        f"    consensus, avoidance = law(me, others, numbers({fields}), memory)\n"
+        f"    return complex(consensus), complex(avoidance)\n",
+        space,
+    )
+    try:
+        call = njit(signature, error_model="numpy")(space["call"]).get_compile_result(signature)
+    except NumbaError as error:
+        return CompiledLaw(None, _reason(str(error)))
+
+    class Pointer(types.WrapperAddressProtocol):  # type: ignore[misc]
+        """Of one type for all laws: the flight of missions is compiled once for all of them."""
+
+        def signature(self) -> Any:
+            return signature
+
+        def __wrapper_address__(self) -> int:
+            address: int = call.library.get_pointer_to_function(call.fndesc.llvm_cfunc_wrapper_name)
+            return address
+
+    return CompiledLaw(Pointer(), "")
+
+
+def _with_helpers(function: Any, twins: dict[Any, Any]) -> Any:
+    """A function to be compiled, and with it all functions that it calls, whatever module they are
+    from."""
+    from numba import njit
+
+    if function not in twins:
+        space = dict(function.__globals__)
+        copy = FunctionType(function.__code__, space, function.__name__, function.__defaults__)
+        twins[function] = njit(error_model="numpy")(copy)
+        for name in function.__code__.co_names:
+            if inspect.isfunction(space.get(name)):
+                space[name] = _with_helpers(space[name], twins)
+    return twins[function]
+
+
+def interpreted(own: FormationLaw) -> bool:
+    """The own law is called as it is, though missions are compiled."""
+    return available() and law_compiled(own).pointer is None
+
+
+def _reason(text: str) -> str:
+    """Of numba's explanation, the line that says it."""
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    said = [
+        line for line in lines if not line.startswith(("Failed in", "During:", "-", "<", "Enable"))
+    ]
+    return (said or lines or ["no words"])[0][:160]
+
+
+def _called(own: FormationLaw) -> Callable[..., tuple[complex, complex]]:
+    """The own law for a flight that is not compiled."""
+
+    def call(me: Any, knows: Any, values: Any, memory: Any) -> tuple[complex, complex]:
+        consensus, avoidance, _ = own.form(me, knows, own.numbers(*values.tolist()), memory, [])
+        return consensus, avoidance
+
+    return call
 
 
 def _compilable(compiles: Callable[[Any], Any]) -> dict[str, Any]:

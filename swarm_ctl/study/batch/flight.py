@@ -28,6 +28,7 @@ from swarm_ctl.core.kernel.decide import NO_LINK, NO_NEAR_WALL, Link, NearWall, 
 from swarm_ctl.core.kernel.exchange import Part, Said, Shape, nothing_said, took_part
 from swarm_ctl.core.kernel.law import NO_PAIR, Law, Pair, terms
 from swarm_ctl.core.kernel.program import NO_ROW, Row
+from swarm_ctl.core.kernel.receiver import NO_ONE, Known, Me
 from swarm_ctl.core.kernel.release import Release, noted, swirled, turned
 from swarm_ctl.core.kernel.response import Estimate, compared, steered, stop_point
 from swarm_ctl.core.kernel.sequences import put
@@ -46,6 +47,8 @@ MOVE: Final = 8
 """... vehicles fly, but for those with a firmware ..."""
 LOOK: Final = 16
 """... whether it is over, and who is near."""
+TELL: Final = 32
+"""Before `ACT`, for an own law that is not compiled: what it is told of others."""
 TICK: Final = DECIDE | ACT | MOVE | LOOK
 
 CHECK: Final = 5
@@ -59,14 +62,15 @@ _KEPT: Final = 0.9
 _ROUNDING: Final = 1e-6
 
 
-def fly(s: Setup, many: Missions, first: int, ticks: int, stages: int) -> None:
-    """These stages of the next ticks, for all missions that are not over."""
+def fly(s: Setup, many: Missions, first: int, ticks: int, stages: int, own_law: Any = None) -> None:
+    """These stages of the next ticks, for all missions that are not over; `own_law`: from the
+    receiver, its rows, the law's numbers and its memory to its terms."""
     n = many.agent.shape[1]
-    points, slots = np.zeros(n, np.complex128), np.zeros(n, np.complex128)
-    linked, present, lower = np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
-    age_s, places = np.zeros(n, np.float64), np.zeros(n, np.int64)
+    points, present = np.zeros(n, np.complex128), np.zeros(n, np.bool_)
+    age_s = np.zeros(n, np.float64)
     others, guarded, rows, pairs = [NO_OTHER], [NO_LINK], [NO_ROW], [NO_PAIR]
     walls = [NO_NEAR_WALL]
+    knows = [NO_ONE]
     told = [nothing_said(0)]
     for k in range(len(many.whole)):
         w = many.whole[k]
@@ -106,7 +110,17 @@ def fly(s: Setup, many: Missions, first: int, ticks: int, stages: int) -> None:
                         tick,
                     )
                     _fitting(s, w, agent, link)
+            if stages & TELL:
+                _tell(s, w, agent, pair, many.known[k], many.told[k], knows, tick)
             if stages & ACT:
+                if own_law is not None:
+                    for i in range(n):
+                        know(s, w, agent, pair, i, knows, tick)
+                        numbers, memory = many.numbers[k], many.memory[k, i]
+                        towards, apart = own_law(
+                            receiver(s, w, agent[i], i), knows, numbers, memory
+                        )
+                        steer(w, agent[i], towards, apart)
                 _act(
                     s,
                     w,
@@ -114,12 +128,8 @@ def fly(s: Setup, many: Missions, first: int, ticks: int, stages: int) -> None:
                     pair,
                     sent,
                     many.seen_pairs[k],
-                    points,
-                    slots,
-                    linked,
-                    present,
-                    lower,
-                    places,
+                    many.memory[k, 0],
+                    knows,
                     others,
                     guarded,
                     walls,
@@ -430,6 +440,70 @@ def _said(w: Ints, j: int) -> Said:
     )
 
 
+# --- what a law is told ---
+
+
+def receiver(s: Setup, w: Any, a: Any, i: int) -> Me:
+    """Agent i, as a law is told of it."""
+    return Me(
+        id=i + 1,
+        at=a.point,
+        slot=a.slot,
+        flies=a.command / s.unit_m,
+        speed=s.margins.speed,
+        tick_s=s.tick_s,
+        gain=w.kappa * w.h,
+        r=s.r,
+        r_out=s.r_out,
+        r_in=s.r_in,
+    )
+
+
+def _row(agent: int, ahead: complex, q: Any, age_s: float, follows: bool, lower: bool) -> Known:
+    return Known(
+        id=agent, at=ahead, slot=q.slot, flies=q.flies, age_s=age_s, neighbour=follows, lower=lower
+    )
+
+
+def know(s: Setup, w: Any, agent: Any, pair: Any, i: int, knows: list[Known], tick: int) -> None:
+    """What i tells an own law of the others, into `knows`."""
+    begun, own = since(s, tick), agent[i].point
+    most_s = 0.0 if s.plain else w.lead_s
+    reach, used = s.own_reach * s.own_reach, 0
+    for j in range(len(agent)):
+        if j == i:
+            continue
+        q, age_s = pair[i, j], (tick - pair[i, j].sent_at) * s.tick_s
+        ahead = q.told + q.flies * min(age_s, most_s)
+        follows = q.link and age_s <= NEIGHBOUR_S + _late_s(q.heard_from, begun, s.far)
+        gap = own - ahead
+        if follows or gap.real * gap.real + gap.imag * gap.imag < reach:
+            used = put(knows, used, _row(j + 1, ahead, q, age_s, follows, i < j))
+    while len(knows) > used:
+        knows.pop()
+
+
+def _tell(
+    s: Setup, w: Any, agent: Any, pair: Any, known: Any, told: Ints, knows: list[Known], tick: int
+) -> None:
+    """All that is told, into arrays."""
+    for i in range(len(agent)):
+        know(s, w, agent, pair, i, knows, tick)
+        told[i] = len(knows)
+        for k in range(len(knows)):
+            row, each = known[i, k], knows[k]
+            row.id, row.at, row.slot, row.flies = each.id, each.at, each.slot, each.flies
+            row.age_s, row.neighbour, row.lower = each.age_s, each.neighbour, each.lower
+
+
+def steer(w: Any, a: Any, consensus: complex, avoidance: complex) -> None:
+    """An own law's terms [units/s]; what is no velocity ends the study."""
+    both = consensus + avoidance
+    if not (abs(both.real) < math.inf and abs(both.imag) < math.inf):
+        w.broken, consensus, avoidance = True, 0j, 0j
+    a.consensus, a.avoidance = consensus, avoidance
+
+
 # --- what they fly ---
 
 
@@ -440,12 +514,8 @@ def _act(
     pair: Any,
     sent: Complex,
     seen_pairs: Floats,
-    points: Any,
-    slots: Any,
-    linked: Any,
-    present: Any,
-    lower: Any,
-    places: Ints,
+    memory: Any,
+    knows: list[Known],
     others: list[Other],
     guarded: list[Link],
     walls: list[NearWall],
@@ -479,10 +549,8 @@ def _act(
             ahead = told + q.flies * min(age_s, most_s)
             follows = q.link and age_s <= NEIGHBOUR_S + late_s
             gap = own - ahead
-            if follows or gap.real * gap.real + gap.imag * gap.imag < r_out:
-                points[minds], slots[minds], linked[minds] = ahead, q.slot, follows
-                present[minds], lower[minds], places[minds] = True, i < j, j
-                minds += 1
+            if not s.own_law and (follows or gap.real * gap.real + gap.imag * gap.imag < r_out):
+                minds = put(knows, minds, _row(j, ahead, q, age_s, follows, i < j))
             if not (s.filters and live):
                 continue
             apart = own - told
@@ -525,15 +593,13 @@ def _act(
                     if kept(abs(now), margins):
                         links = put(guarded, links, Link(j, now, q.flies, 0j, True))
         if not s.own_law:
-            for j in range(minds, n):
-                present[j] = False
-            consensus, avoidance, found = terms(
-                own, a.slot, points, slots, linked, present, lower, law, pairs
-            )
+            while len(knows) > minds:
+                knows.pop()
+            consensus, avoidance, found = terms(receiver(s, w, a, i), knows, law, memory, pairs)
             a.consensus, a.avoidance = consensus * w.kappa, avoidance * w.kappa
             _note_pairs(w, pairs, found)
             if s.seen:
-                _note_seen(seen_pairs, i, pairs, found, places)
+                _note_seen(seen_pairs, i, pairs, found, knows)
         if not live:
             # its vehicle goes on, until it stops by itself
             a.wish = 0j if tick >= a.silent_from + s.blind else a.command / s.unit_m
@@ -581,13 +647,15 @@ def _note_pairs(w: Any, pairs: list[Pair], found: int) -> None:
             w.small_gap += 1
 
 
-def _note_seen(seen_pairs: Floats, i: int, pairs: list[Pair], found: int, places: Ints) -> None:
+def _note_seen(
+    seen_pairs: Floats, i: int, pairs: list[Pair], found: int, knows: list[Known]
+) -> None:
     """Tell what the law made of the pairs of i."""
     for j in range(seen_pairs.shape[0]):
         seen_pairs[i, j, 0] = 0.0
     for k in range(found):
         pair = pairs[k]
-        j = places[pair.place]
+        j = knows[pair.place].id
         seen_pairs[i, j, 0], seen_pairs[i, j, 1] = pair.distance, pair.sigma
         seen_pairs[i, j, 2], seen_pairs[i, j, 3] = pair.sigma_lb, pair.d
         seen_pairs[i, j, 4], seen_pairs[i, j, 5] = pair.d_ub - pair.d_lb, float(pair.status)

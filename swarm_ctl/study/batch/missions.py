@@ -17,10 +17,11 @@ from swarm_ctl.core.kernel.exchange import EVERY_S, NO_PART, ranks
 from swarm_ctl.core.kernel.release import NO_RELEASE, SWIRL_OFF
 from swarm_ctl.core.kernel.response import ResponseModel, model_of, unknown
 from swarm_ctl.core.model.arrays import Bools, Complex, Floats, Ints, complex_of
-from swarm_ctl.core.model.plan import Compensation, Policies
+from swarm_ctl.core.model.plan import Compensation, LawParameters, Policies
 from swarm_ctl.core.model.timeouts import FAR_EVERY_S, NEIGHBOUR_S, SETPOINT_TIMEOUT_S, lead_s
 from swarm_ctl.core.swarm.hearing import SMALL_SWARM
 from swarm_ctl.core.swarm.plausibility import JUMP_M
+from swarm_ctl.law_loader import law_of
 from swarm_ctl.study.batch.batch import Batch
 
 DRAWN: Final = 32
@@ -53,6 +54,8 @@ class Setup(NamedTuple):
     plain: bool
     """The law is fed with positions."""
     own_law: bool
+    own_reach: float
+    """Of the own law."""
     seen: bool
     """What the law makes of pairs is looked at."""
     model: ResponseModel
@@ -90,11 +93,11 @@ WHOLE: Final = _records(
     f8="h kappa lead_s loss stays begins jitter nearest nearest_silent since_s moved_s ended_s"
     " error",
     i8="links flown touched yielded small_gap exchanged steps paper narrow inactive overspeed",
-    b1="heard done formed stuck parted",
+    b1="heard done formed stuck parted broken",
 )
 """One mission. `stays`, `begins`: chances of a burst of losses; `nearest`, `nearest_silent`:
 squared; `flown`: agent-ticks; `paper` and those behind it: pair-ticks by status; `heard`: there was
-a tick before; `done`: it is over."""
+a tick before; `done`: it is over; `broken`: an own law gave what is no velocity."""
 AGENT: Final = _records(
     # vehicles in metres; positions, points, slots and what is flown in units
     c16="place_m velocity_mps command position seen point slot consensus avoidance wish side"
@@ -115,6 +118,10 @@ sent in. `link`: of the start graph; `lost`: in the tick before."""
 LINK: Final = _records(f8="farthest farthest_kept", i8="first second", b1="fits held")
 """A link of the start graph, its lower agent first. `farthest`: squared; `fits`: its slots are
 within r; `held`: it has been as short as they are."""
+
+
+KNOWN: Final = _records(c16="at slot flies", f8="age_s", i8="id", b1="neighbour lower")
+"""`receiver.Known`."""
 
 
 class Missions(NamedTuple):
@@ -154,11 +161,20 @@ class Missions(NamedTuple):
     seen_pairs: Floats
     """(m, n, n, 6), where they are looked at: distance (0: not near), sigma, sigma_lb, D,
     D_ub - D_lb, status."""
+    memory: Floats
+    """The own law's (m, n, numbers that it remembers)."""
+    numbers: Floats
+    """The own law's, the same in each mission (m, their count)."""
+    known: NDArray[Any]
+    """`KNOWN` (m, n, n): what an own law that is not compiled is told."""
+    told: Ints
+    """(m, n): so many of them."""
 
 
 def setup_of(batch: Batch, *, seen: bool = False) -> Setup:
     """What all missions of the batch have in common; `seen`: pairs are looked at."""
     cell, law = batch.cell, batch.cell.law
+    own = law_of(law)
     n, tick_s, unit_m = cell.n, cell.tick_s, cell.unit_m
     margins = margins_of(law, cell.model, cell.speed_mps, unit_m)
     reach_m = max(margins.farthest, (law.r_out + SWIRL_OFF) * unit_m)
@@ -177,6 +193,7 @@ def setup_of(batch: Batch, *, seen: bool = False) -> Setup:
         ideal=cell.vehicle == "ideal",
         plain=cell.compensation is Compensation.NONE,
         own_law=bool(law.own),
+        own_reach=own.reach(own.numbers(*numbers_of(law))) if law.own else 0.0,
         seen=seen,
         model=model_of(cell.model, tick_s),
         margins=margins_of(law, cell.model, cell.speed_mps, unit_m, unit_m),
@@ -203,8 +220,16 @@ def setup_of(batch: Batch, *, seen: bool = False) -> Setup:
     )
 
 
-def missions_of(batch: Batch, s: Setup, delay_ticks: int, late_ticks: int) -> Missions:
-    """The arrays of all missions, at the start."""
+def numbers_of(law: LawParameters) -> list[float]:
+    """Of the own law, in its order."""
+    return [each.value for each in law.parameters]
+
+
+def missions_of(
+    batch: Batch, s: Setup, delay_ticks: int, late_ticks: int, *, interpreted: bool = False
+) -> Missions:
+    """The arrays of all missions, at the start; `interpreted`: an own law that is not compiled is
+    told of others by them."""
     cell, (_, n, m) = batch.cell, batch.starts.shape
     tick_s = cell.tick_s
 
@@ -272,6 +297,10 @@ def missions_of(batch: Batch, s: Setup, delay_ticks: int, late_ticks: int) -> Mi
         part=part,
         history=np.repeat(said[:, None], LOOKS if s.exchanges else 0, axis=1),
         seen_pairs=zeros(float, *((n, n) if s.seen else (0, 0)), 6),
+        memory=zeros(float, n, law_of(cell.law).memory),
+        numbers=np.tile(np.array(numbers_of(cell.law), dtype=np.float64), (m, 1)),
+        known=np.zeros((m, *((n, n) if interpreted else (0, 0))), dtype=KNOWN),
+        told=np.zeros((m, n), dtype=np.int64),
     )
 
 

@@ -39,6 +39,9 @@ swarm-ctl study --out mix.csv --row 11 --picture 11.gif --mission 11.yaml
   whatever other missions are flown.
 - Beside the rows, `FILE.json` has the study. The same command continues a study that was
   interrupted.
+- `--law paper,orca,mine` flies the same missions by each [law](law.md#an-own-law), without the
+  filter and with it: the league. A law in plain Python is compiled too where numba can; where not,
+  its missions take tens of times as long, and `study` says so.
 - In swarms of more than {SMALL_SWARM} each agent hears its near peers at every tick, and of far
   ones a word twice a second, as [agents do](safety.md).
 

@@ -50,7 +50,7 @@ def test_interpreted_and_compiled_missions_are_the_same(
     pytest.importorskip("numba")
     batch = missions(**settings)
     whole = fly(batch)
-    monkeypatch.setattr(batch_flight, "compiled", lambda: flight.fly)
+    monkeypatch.setattr(batch_flight, "compiled", lambda _: flight.fly)
     interpreted = fly(batch)
     for field in fields(BatchResult):
         ours, theirs = getattr(whole, field.name), getattr(interpreted, field.name)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from swarm_ctl.core.law.formation_law import evaluate
 from swarm_ctl.study.batch.batch import Batch, draw
 from swarm_ctl.study.batch.batch_flight import fly
 from swarm_ctl.study.paper import cases
@@ -19,6 +18,7 @@ from swarm_ctl.study.paper.claims import CLAIMS, holds
 from swarm_ctl.study.paper.pairs import PairSteps
 from swarm_ctl.study.paper.reproduce import hexagon, reproduce, studies_of, thirty_two
 from swarm_ctl.study.rerun import Trace
+from tests.unit.core.law.evaluated import evaluate
 
 
 def test_table_two_is_the_path_graph() -> None:

@@ -276,7 +276,7 @@ def test_outcomes_by_their_definition() -> None:
 
 def test_ideal_with_a_whole_iteration_a_tick_is_the_discrete_form() -> None:
     """p <- p + u, (9), from the law itself."""
-    from swarm_ctl.core.law.formation_law import evaluate
+    from tests.unit.core.law.evaluated import evaluate
 
     batch = only_batch(vehicle=("ideal",), n=(4,), limit_s=2.0, missions=4, safety=("off",))
     traces = Trace()

@@ -8,8 +8,10 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.control.law_input import LawInput
+from swarm_ctl.core.control.law_input import LawInputBuilder
 from swarm_ctl.core.kernel.align import RATE, pull
+from swarm_ctl.core.swarm.snapshot import Formation
+from tests.unit.core.builders import UNIT_M, peer, plan, snapshot
 
 coordinates = st.floats(-1e3, 1e3)
 errors = st.lists(st.builds(complex, coordinates, coordinates), min_size=2, max_size=12)
@@ -37,5 +39,10 @@ def test_only_differences_count(e: list[complex], moved: complex) -> None:
 def test_who_is_not_counted_does_not_matter() -> None:
     """Whatever is known of a lost agent, even that its place is not a number."""
     there, lost = 1 + 1j, complex(math.nan, math.nan)
-    heard = LawInput((), [lost, there], [0j, 1j], [], [], [], [False, True])
-    assert heard.errors_along() == [0j, 1 + 0j]
+    lost = peer(2, 9.0, stop_point_m=(math.nan, math.nan))
+    there = peer(3, 0.0, stop_point_m=(UNIT_M, UNIT_M))
+    assert there.formation is not None
+    formation = Formation({2: (0.0, 0.0), 3: (0.0, 1.0)}, frozenset((2, 3)), 0j, there.formation)
+    heard = LawInputBuilder(plan(), 1).build(snapshot(lost, there), formation, 0.1, 0j, math.inf)
+    assert heard.errors == [0j, 1 + 0j]
+    assert heard.along == 1

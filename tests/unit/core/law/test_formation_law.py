@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from swarm_ctl.core.kernel.law import INACTIVE, NARROW, OVERSPEED, PAPER, STATUSES, Law, cut_off
-from swarm_ctl.core.law.formation_law import LawResult, evaluate
 from swarm_ctl.core.model.plan import LawParameters
+from tests.unit.core.law.evaluated import LawResult, evaluate
 
 VECTORS = Path(
     os.environ.get("LAW_VECTORS", Path(__file__).parents[3] / "data" / "law_vectors.json")

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import functools
 import random
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -21,6 +21,7 @@ from swarm_ctl.core.swarm.gain_update import (
     limits,
     out_of_range,
     planned,
+    values_of,
 )
 from swarm_ctl.core.swarm.peers import Peers
 from swarm_ctl.errors import InputError
@@ -133,7 +134,7 @@ def test_what_can_be_flown_is_what_a_mission_may_say(
     ):
         return
     mission = yaml.safe_load(HEXAGON.read_text())
-    mission["law"] |= asdict(gains) | {"compensation": compensation.value}
+    mission["law"] |= values_of(gains) | {"compensation": compensation.value}
     warned = [str(warning) for warning in loads(yaml.safe_dump(mission)).warnings]
     assert not [warning for warning in warned if "kappa" in warning]
 
