@@ -39,6 +39,7 @@ from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.gcs_option import with_port
 from swarm_ctl.cli.shared.system import FLYING, GROUND_ALONE, lacks, refuse_without
 from swarm_ctl.cli.studies.fuzz import fuzz
+from swarm_ctl.cli.studies.law import law
 from swarm_ctl.cli.studies.paper import paper
 from swarm_ctl.cli.studies.study import study
 from swarm_ctl.errors import InputError, SwarmError
@@ -84,6 +85,7 @@ app.add_typer(hosts)
 app.add_typer(on_host)
 app.add_typer(missions)
 app.add_typer(zones)
+app.add_typer(law)
 app.add_typer(trust)
 
 
