@@ -32,16 +32,32 @@ def share(hits: int, of: int) -> str:
     return f"{100 * hits / max(of, 1):.3g} % ({100 * low:.3g} to {100 * high:.3g})"
 
 
-def quantile(values: Sequence[float], percent: float) -> str:
+def quantile(values: Sequence[float], percent: float, digits: int = 1) -> str:
     """`12.3 (11.9 to 13.0)`: a percentile, and its 95 % interval by the ranks that it may have, by
     the normal approximation of the binomial; an end beyond all values is said to be `-`."""
     if not values:
         return "-"
-    ordered, p = sorted(values), percent / 100
-    half = _Z95 * math.sqrt(len(ordered) * p * (1 - p))
-    low, high = (math.floor(len(ordered) * p - half) - 1, math.ceil(len(ordered) * p + half))
-    ends = (f"{ordered[k]:.1f}" if 0 <= k < len(ordered) else "-" for k in (low, high))
-    return f"{np.percentile(ordered, percent):.1f} ({' to '.join(ends)})"
+    ordered = sorted(values)
+    ends = (
+        f"{ordered[k]:.{digits}f}" if 0 <= k < len(ordered) else "-"
+        for k in _ranks(len(ordered), percent / 100)
+    )
+    return f"{np.percentile(ordered, percent):.{digits}f} ({' to '.join(ends)})"
+
+
+def middle(values: Sequence[float]) -> tuple[float, float, float]:
+    """The median between the ends of its 95 % interval, as in `quantile`, each within the values;
+    NaN of none."""
+    if not values:
+        return math.nan, math.nan, math.nan
+    ordered, most = sorted(values), len(values) - 1
+    low, high = (ordered[min(max(k, 0), most)] for k in _ranks(len(ordered), 0.5))
+    return low, float(np.median(ordered)), high
+
+
+def _ranks(count: int, p: float) -> tuple[int, int]:
+    half = _Z95 * math.sqrt(count * p * (1 - p))
+    return math.floor(count * p - half) - 1, math.ceil(count * p + half)
 
 
 def tables(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
 import typer
 
@@ -33,6 +33,7 @@ def _ranges(text: str, default: float | str) -> Any:
 
 
 Given: TypeAlias = str | None
+LEAGUE_H: Final = 0.2
 _MODEL = "the middle of --{} (so one value is a perfect model); of a firmware its typical one"
 
 
@@ -133,7 +134,13 @@ def study(
     delta_l: Annotated[Given, _one("NUMBER", "Offset of the paper's D.", 2)] = None,
     delta_a: Annotated[Given, _one("NUMBER", "Offset of sigma above its bound.", 0.1)] = None,
     law: Annotated[
-        Given, _one("NAME", "An own law that is installed, or paper.", "the paper's")
+        Given,
+        _one(
+            "NAME,...",
+            "A law of `swarm-ctl law`. Of several, the league: the same missions by each, without"
+            " and with the filter.",
+            "paper",
+        ),
     ] = None,
     unit_m: Annotated[Given, _one("METRES", "Length of a unit.", 5)] = None,
     limit: Annotated[Given, _one("SECONDS", "End a mission that has not formed then.", 300)] = None,
@@ -149,7 +156,12 @@ def study(
         int | None, option("NUMBER", "Fly this row of --out again, alone.", min=0)
     ] = None,
     picture: Annotated[
-        Path | None, option("FILE", "With --row or --search: draw it, as .gif (animated) or .png.")
+        Path | None,
+        option(
+            "FILE",
+            "With --row or --search: draw it, as .gif (animated) or .png. With several laws: the"
+            " league.  [default of the league: beside the rows]",
+        ),
     ] = None,
     mission: Annotated[
         Path | None, option("FILE", "With --row or --search: write it as a mission for `run`.")
@@ -182,6 +194,7 @@ def study(
         swarm-ctl study --n 4,6,9 --slots random,nearest --missions 2000
         swarm-ctl study --safety off,align --start crossing --slots given
         swarm-ctl study --delay 0:0.2 --loss 0:0.2 --out late.csv
+        swarm-ctl study --law paper,orca,vasarhelyi --missions 300
         swarm-ctl study studies/envelope-delay.yaml --curves delay.svg
         swarm-ctl study --out late.csv --row 4711 --picture 4711.gif
         swarm-ctl study --n 2:50 --cluster local --out wide.parquet
@@ -242,9 +255,19 @@ def study(
         "law": _those(in_law | {"own": law}),
         "by": by,
     }
+    leagues = law is not None and "," in law
+    if leagues:
+        # as missions fly it; a study's own default is the gain that is safe without the filter
+        given |= {"law": _those(in_law), "h": h or str(LEAGUE_H)}
     said = study_file(file, _those(given))
     plan = said.study
     require_writable(out, "choose with --out")
+    if leagues:
+        if search is not None:
+            raise InputError("--search: allowed: with one law")
+        _check_extras(out, processes, cluster)
+        _league(plan, str(law), out, processes, cluster, picture, console)
+        return
     if search is not None:
         _check_extras(out, processes, cluster)
         found = _search(plan, search, budget, out, processes, cluster, console)
@@ -316,6 +339,28 @@ def _search(
     row = int(deeper.row["row"])
     console.say(f"the worse one again: swarm-ctl study --out {out} --row {row}")
     return row
+
+
+def _league(
+    plan: Study,
+    laws: str,
+    out: Path,
+    processes: int | None,
+    cluster: str | None,
+    picture: Path | None,
+    console: PlainConsole,
+) -> None:
+    from swarm_ctl.study.league import KINDS, draw_league, fly_league, laws_of, table
+
+    drawn = picture or out.with_name(f"{out.stem}-league.png")
+    if drawn.suffix not in KINDS:
+        raise InputError(f"--picture {drawn}: of a league, allowed: {', '.join(KINDS)}")
+    require_writable(drawn, "choose with --picture")
+    places = fly_league(plan, laws_of(laws), out, processes, console, cluster)
+    wide = console if console.is_terminal else PlainConsole(width=160)
+    wide.print(table(places))
+    draw_league(places, plan.law.r_in, drawn)
+    console.say(f"picture: {drawn}")
 
 
 def _rerun(

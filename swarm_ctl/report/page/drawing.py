@@ -88,12 +88,19 @@ def write(made: Figure, path: Path) -> None:
 
 
 def grid(
-    title: str, rows: int, columns: int, width: float, height: float, *, share_y: bool = False
+    title: str,
+    rows: int,
+    columns: int,
+    width: float,
+    height: float,
+    *,
+    share_x: bool = True,
+    share_y: bool = False,
 ) -> tuple[Figure, list[Axes]]:
-    """A figure with several axes, row by row, that share their time."""
+    """A figure with several axes, row by row, that share their time unless told otherwise."""
     with mpl.rc_context(_STYLE):
         made = Figure(figsize=(width, height), layout="constrained")
-        panels = made.subplots(rows, columns, sharex=True, sharey=share_y, squeeze=False)
+        panels = made.subplots(rows, columns, sharex=share_x, sharey=share_y, squeeze=False)
         made.suptitle(title, fontsize=10, x=0.01, ha="left")
     return made, list(panels.ravel())
 
