@@ -35,6 +35,7 @@ _HEADER: Final = struct.Struct("<BQ")
 """Opcode and length of each record."""
 _END: Final = struct.Struct("<BQQQI8s")
 """The footer (header, starts of the summary and of its offsets, checksum) and the last bytes."""
+_FOOTER_BYTES: Final = 20
 _MESSAGE: Final = struct.Struct("<HIQQ")
 """Channel, sequence, log time and publish time of a message; its data follow."""
 _READ: Final[dict[int, Any]] = {
@@ -93,6 +94,8 @@ def records_of(file: IO[bytes], damage: RecordingDamage | None = None) -> Iterat
     while len(header := file.read(_HEADER.size)) == _HEADER.size:
         opcode, length = _HEADER.unpack(header)
         if opcode == Opcode.FOOTER:
+            if length != _FOOTER_BYTES:  # a damaged length has led into the middle of a chunk
+                raise EOFError
             return
         if opcode not in _OPCODES:
             raise EOFError
