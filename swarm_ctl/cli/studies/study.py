@@ -142,6 +142,9 @@ def study(
             "paper",
         ),
     ] = None,
+    parameters: Annotated[
+        Given, _one("NAME=VALUE,...", "Numbers of the --law.", "the law's own")
+    ] = None,
     unit_m: Annotated[Given, _one("METRES", "Length of a unit.", 5)] = None,
     limit: Annotated[Given, _one("SECONDS", "End a mission that has not formed then.", 300)] = None,
     tick: Annotated[Given, _one("SECONDS", "Length of a tick.", 0.05)] = None,
@@ -195,6 +198,7 @@ def study(
         swarm-ctl study --safety off,align --start crossing --slots given
         swarm-ctl study --delay 0:0.2 --loss 0:0.2 --out late.csv
         swarm-ctl study --law paper,orca,vasarhelyi --missions 300
+        swarm-ctl study --law orca --parameters apart=1.2,horizon=2 --safety off
         swarm-ctl study studies/envelope-delay.yaml --curves delay.svg
         swarm-ctl study --out late.csv --row 4711 --picture 4711.gif
         swarm-ctl study --n 2:50 --cluster local --out wide.parquet
@@ -252,11 +256,13 @@ def study(
         "spacing": spacing,
         "silent": silent,
         "silent_agents": silent_agents,
-        "law": _those(in_law | {"own": law}),
+        "law": _those(in_law | {"own": law, "parameters": _numbers(parameters)}),
         "by": by,
     }
     leagues = law is not None and "," in law
     if leagues:
+        if parameters is not None:
+            raise InputError("--parameters: allowed: with one law")
         # as missions fly it; a study's own default is the gain that is safe without the filter
         given |= {"law": _those(in_law), "h": h or str(LEAGUE_H)}
     said = study_file(file, _those(given))
@@ -291,6 +297,18 @@ def study(
 def _those(given: Mapping[str, Any]) -> dict[str, Any]:
     """What was given."""
     return {name: value for name, value in given.items() if value not in (None, {})}
+
+
+def _numbers(text: str | None) -> dict[str, float]:
+    """`rate=1.5,width=2` by name."""
+    found = dict[str, float]()
+    for word in text.split(",") if text else ():
+        name, _, number = word.partition("=")
+        try:
+            found[name] = float(number)
+        except ValueError:
+            raise InputError(f"--parameters {word}: allowed: NAME=VALUE, as in rate=1.5") from None
+    return found
 
 
 def _check_extras(out: Path, processes: int | None, cluster: str | None) -> None:
