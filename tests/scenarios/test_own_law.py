@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import io
+import re
 import sys
 from dataclasses import fields, replace
 from pathlib import Path
@@ -24,7 +25,7 @@ from swarm_ctl.study.batch import batch_flight
 from swarm_ctl.study.batch.batch import Batch, draw
 from swarm_ctl.study.batch.batch_flight import BatchResult, fly
 from swarm_ctl.study.batch.compiled import interpreted
-from swarm_ctl.study.executor import run_study
+from swarm_ctl.study.executor import prepare, run_study
 from swarm_ctl.study.parameter_space import Study
 from swarm_ctl.study.rerun import rerun, write_mission
 from tests.scenarios.swarm import VirtualSwarm
@@ -156,6 +157,18 @@ def test_a_forecast_a_study_and_agents_tell_a_law_the_same_rows(folder: Path) ->
     me, others, p, memory = calls[0]
     assert (type(me), len(others), p, memory) == (type(forecast[0][0]), 5, (), 0)
     assert all(type(other) is type(forecast[0][1][0]) for other in others)
+
+
+def test_a_study_says_which_law_is_slow_and_why() -> None:
+    """Of one that is compiled it says nothing."""
+    pytest.importorskip("numba")
+    told = io.StringIO()
+    prepare(Console(file=told, width=500), LawParameters(**pinned("plain")))
+    assert "plain" not in told.getvalue()
+    prepare(Console(file=told, width=500), LawParameters(**pinned("loose")))
+    said = told.getvalue()
+    assert "law 'loose' is not compiled, so its missions take tens of times as long: " in said
+    assert re.search(r"as long: No implementation of function .*setitem.* \(loose.py:\d+\)\n", said)
 
 
 def test_a_row_becomes_a_mission_with_its_law_and_numbers(tmp_path: Path) -> None:

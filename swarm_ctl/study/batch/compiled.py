@@ -11,6 +11,7 @@ import hashlib
 import inspect
 import math
 import os
+import re
 import sys
 from collections.abc import Callable
 from functools import cache, partial
@@ -128,7 +129,7 @@ def law_compiled(own: FormationLaw) -> CompiledLaw:
     try:
         call = njit(signature, error_model="numpy")(space["call"]).get_compile_result(signature)
     except NumbaError as error:
-        return CompiledLaw(None, _reason(str(error)))
+        return CompiledLaw(None, _reason(str(error), own.source.__code__.co_filename))
 
     class Pointer(types.WrapperAddressProtocol):  # type: ignore[misc]
         """Of one type for all laws: the flight of missions is compiled once for all of them."""
@@ -163,13 +164,16 @@ def interpreted(own: FormationLaw) -> bool:
     return available() and law_compiled(own).pointer is None
 
 
-def _reason(text: str) -> str:
-    """Of numba's explanation, the line that says it."""
-    lines = [line.strip() for line in text.splitlines() if line.strip()]
+def _reason(text: str, source: str) -> str:
+    """Of numba's explanation, the line that says it, and which line of the law it is about."""
+    lines = [line.strip() for line in re.sub(r"\x1b\[\d*m", "", text).splitlines()]
     said = [
-        line for line in lines if not line.startswith(("Failed in", "During:", "-", "<", "Enable"))
+        line for line in lines if line and not line.startswith(("Failed in", "During:", "File"))
     ]
-    return (said or lines or ["no words"])[0][:160]
+    name = Path(source).name
+    places = re.findall(rf"{re.escape(name)}\"?(?:, line | \()(\d+)", text)
+    where = f" ({name}:{places[0]})" if places else ""
+    return f"{(said or ['numba does not say'])[0][:160]}{where}"
 
 
 def _called(own: FormationLaw) -> Callable[..., tuple[complex, complex]]:
