@@ -132,8 +132,9 @@ def test_a_forecast_a_study_and_agents_tell_a_law_the_same_rows(folder: Path) ->
     starts = np.array([agent.start for agent in plan.agents])
     links = [agent.neighbours for agent in plan.agents]
     calls.clear()
-    step = next(step for step in plan.steps if getattr(step, "slots", None))
-    Rehearsal(plan, step, starts, links).tick()
+    step = next(step for step in plan.groups[0].steps if getattr(step, "slots", None))
+    ids = [agent.id for agent in plan.agents]
+    Rehearsal(plan, ids, step, starts, links, 10.0).tick()
     forecast = calls[: len(plan.agents)]
     assert [me.id for me, *_ in forecast] == [agent.id for agent in plan.agents]
     for (me, others, p, memory), agent in zip(forecast, plan.agents, strict=True):
