@@ -236,7 +236,17 @@ class GainUpdate:
         unasked = [peer for peer in self._flying(peers) if peer not in command.agents]
         if unasked:
             return f"{agents_named(unasked)} flies too, and was not asked"
-        return out_of_range(tuning.gains, self._plan) or bad_zones(tuning.zones or ())
+        wrong = out_of_range(tuning.gains, self._plan) or bad_zones(tuning.zones or ())
+        return wrong or self._more_than_asked(command.kind, tuning)
+
+    def _more_than_asked(self, kind: str, tuning: Tuning) -> str:
+        """Why it would change other zones than was meant, or ''. Its sender may know the zones of a
+        moment ago: no zone that was just added is lifted by that."""
+        changes = zone_changes(self._of(self.zones), self._of(tuning.zones))
+        most = 1 if kind == CommandKind.ZONE else 0
+        if changes.count(",") + bool(changes) <= most:
+            return ""
+        return f"it would {changes}: its sender knows older zones; send it again"
 
     def _too_late(self, tag: int, now: float) -> str:
         if tag in (self.tag, self.decided):
