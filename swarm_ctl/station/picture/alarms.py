@@ -260,9 +260,12 @@ def _overspeed(view: SwarmView, _: float) -> Found:
 
 
 def _long_link(view: SwarmView, r_m: float) -> Found:
-    form = view.group.steps[view.step - 1].new_shape if view.step else None
+    step = view.group.steps[view.step - 1] if view.step else None
+    form = step.new_shape if step is not None else None
     if form is not None and form.neighbours is not None:
         return  # those that it chose come together only now
+    if step is not None and step.file is not None:
+        return  # one behind the other they are far apart, as is meant
     for edge in view.edges:
         if edge.length_m is not None and edge.length_m > r_m:
             long, limit = _apart(edge.length_m, r_m, 1)

@@ -22,6 +22,7 @@ from swarm_ctl.core.model.messages import (
     VehicleLinkReport,
 )
 from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.swarm.gain_update import planned
 from swarm_ctl.station.dashboard.drawing.picture import Picture
@@ -400,6 +401,18 @@ def test_a_graph_that_a_step_chose_has_its_links_measured_after_that_step() -> N
     view = model.view(30.0)
     assert {(e.a, e.b) for e in view.edges} == {(1, 2), (1, 3), (3, 4), (4, 5), (5, 6), (2, 6)}
     assert {alarm.name for alarm in alarms(view)} == {"long link"}
+
+
+def test_in_file_links_are_as_long_as_the_file() -> None:
+    """A move together with the same links is an alarm."""
+    first, _, *later = steps_of(PLAN)
+    for opens_m, found in ((10.0, set()), (None, {"long link"})):
+        move = MoveStep(((80.0, 40.0),), 4.0, 0.5, 2.0, 60.0, opens_m=opens_m)
+        plan = with_group(PLAN, steps=(first, move, *later))
+        model = flying_model(plan, 30.0)
+        far_m = (60.0, 37.4, -10.0)
+        model.fold(state_of(plan, 6, 30.0, 1200, position_ned_m=far_m), 30.0)
+        assert {alarm.name for alarm in alarms(model.view(30.0))} == found
 
 
 def test_waiting_is_said_with_its_reason() -> None:
