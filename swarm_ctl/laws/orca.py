@@ -37,7 +37,7 @@ def terms(me: Me, others: Others, p: Parameters, memory: Memory) -> LawTerms:
             gap, x = (-1e-6 + 0j if other.lower else 1e-6 + 0j), 1e-6
         change, normal = obstacle(gap, me.flies - other.flies, p.apart, p.horizon, me.tick_s)
         bound = (normal.conjugate() * (me.flies + 0.5 * change)).real
-        rows.append(Row(normal.real, normal.imag, bound, False, 0, other.id))
+        rows.append(Row(normal.real, normal.imag, bound, 0, 0, other.id))
     wish = p.rate * total / max(count, 1)
     wish *= me.speed / max(abs(wish), me.speed)
     flown, _ = relaxed(wish, rows, len(rows), me.speed)
