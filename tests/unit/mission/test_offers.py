@@ -184,21 +184,26 @@ def test_an_offer_names_no_folder_of_keys() -> None:
         unpack(edited(lambda text: text.replace('"trust": null', '"trust": "evil"')), "it")
 
 
-@pytest.mark.parametrize("where", ["steps", "fleet", "slots", "agents", "fields", "same field"])
+@pytest.mark.parametrize(
+    "where", ["groups", "steps", "fleet", "slots", "agents", "fields", "same field"]
+)
 def test_an_offer_of_many_mistakes_costs_little(where: str) -> None:
     """A hundred thousand wrong entries in some hundred packed bytes: few are told, in some
     seconds and megabytes."""
     whole, many = json.loads(plan_to_json(PLAN, Fleet(AGENTS))), 100_000
+    group = whole["plan"]["groups"][0]
     if where == "fleet":
         whole["fleet"] = [{}] * many
+    elif where == "groups":
+        whole["plan"]["groups"] = [{}] * many
     elif where == "slots":
-        whole["plan"]["steps"] = [{"kind": "form", "slots": [0] * many}]
+        group["steps"] = [{"kind": "form", "slots": [0] * many}]
     elif where == "fields":
-        whole["plan"]["steps"] = [{f"a{k}": 0 for k in range(many)}]
+        group["steps"] = [{f"a{k}": 0 for k in range(many)}]
     elif where == "same field":
-        whole["plan"]["steps"] = ["HERE"]
+        group["steps"] = ["HERE"]
     else:
-        whole["plan"][where] = [0] * many
+        group[where] = [0] * many
     text = json.dumps(whole, separators=(",", ":"))
     data = gzip.compress(text.replace('"HERE"', "{" + '"a":0,' * many + '"a":0}').encode())
     tracemalloc.start()
