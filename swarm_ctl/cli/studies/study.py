@@ -181,7 +181,7 @@ def study(
         int, option("MISSIONS", "Of --search; as many are drawn plainly beside it.", min=1)
     ] = 10_000,
 ) -> None:
-    """Fly thousands of missions in one go, each by the agents' own kernel.
+    """Fly thousands of missions in one go, compiled.
 
     What is flown is said by a study file (`studies/` has some), by options, or both. Options with
     A,B,... are lists: every combination of their values is flown. Those with

@@ -1,9 +1,10 @@
 """`swarm-ctl` as another system would run it, simulated: `python elsewhere.py win32 COMMANDS`.
 
 The libraries are loaded as on this system. Then what that system lacks is taken away: modules,
-functions, constants; and `sys.platform` says its name. COMMANDS is JSON, a list of argument lists;
-for each a JSON line tells its exit code. What such a system does differently, rather than not at
-all, is not simulated (paths, locks of open files, `spawn`, consoles).
+functions, constants; and `sys.platform` says its name. numba, which would compile for the system of
+that name, is taken away as well: studies fly uncompiled. COMMANDS is JSON, a list of argument
+lists; for each a JSON line tells its exit code. What such a system does differently, rather than
+not at all, is not simulated (paths, locks of open files, `spawn`, consoles).
 """
 
 from __future__ import annotations
@@ -39,9 +40,10 @@ MACOS: dict[object, str] = {socket: "SO_PEERCRED", os: "sched_getaffinity"}
 def main(platform: str, commands: list[list[str]]) -> None:
     """Run the commands, one after the other."""
     sys.platform = platform
+    sys.modules["numba"] = None  # type: ignore[assignment] - so that importing it fails
     if platform == "win32":
         for name in MODULES:
-            sys.modules[name] = None  # type: ignore[assignment] - so that importing it fails
+            sys.modules[name] = None  # type: ignore[assignment]
     for module, names in (WINDOWS if platform == "win32" else MACOS).items():
         for name in names.split():
             if hasattr(module, name):
