@@ -29,7 +29,7 @@ CHUNK_BYTES: Final = 4 << 20
 """Of an expanded chunk at most: four times what `McapWriter` puts into one."""
 MOST_EXPANDED: Final = 100
 """All chunks may expand to so many times the file's size together; ours expand about tenfold."""
-TORN: Final = (McapError, struct.error, ValueError, EOFError, zstandard.ZstdError)
+TORN: Final = (McapError, struct.error, ValueError, OverflowError, EOFError, zstandard.ZstdError)
 """What is raised where a file ends in the middle of a record, or is damaged."""
 _HEADER: Final = struct.Struct("<BQ")
 """Opcode and length of each record."""

@@ -188,8 +188,8 @@ def test_cut_anywhere_it_is_recovered(
 def test_a_flipped_byte_costs_a_chunk_and_no_more(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """At 150 places of a file, and at each byte of each chunk's head: all other chunks are read,
-    what is lost is said with its numbers, and no byte of the file is written."""
+    """At 150 places of a file, and at each byte of the lengths in each chunk's head: all other
+    chunks are read, what is lost is said with its numbers, and no byte of the file is written."""
     monkeypatch.setattr(mcap_recorder, "_CHUNK_WALL_S", 0.02)
     made = McapRecorder(tmp_path, START_NS, {}, None)
     for k, (payload, heard_s) in enumerate(flight(6)):
@@ -205,7 +205,8 @@ def test_a_flipped_byte_costs_a_chunk_and_no_more(
     last = data.rindex(b"zstd")  # behind it are index and footer
     rng, said = random.Random(5), 0
     packed = [found.start() for found in re.finditer(rb"\x04\x00\x00\x00zstd", data)]
-    heads = [start - 37 + k for start in packed[: len(chunks)] for k in range(9)]
+    lengths = (*range(9), *range(37, 41), *range(45, 53))  # of record, word zstd, what is packed
+    heads = [start - 37 + k for start in packed[: len(chunks)] for k in lengths]
     places = [rng.randrange(data.index(b"zstd"), last) for _ in range(150)]
     for at in heads + places:
         path.write_bytes(flipped := data[:at] + bytes([data[at] ^ 0xFF]) + data[at + 1 :])
