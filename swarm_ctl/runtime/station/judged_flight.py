@@ -187,8 +187,11 @@ class _Flight:
         now_s = self._swarm.clock.now()
         if self._source is None or self.folder is None or self._manifest is None:
             return
+        # The clock may have gone over to an agent's that was heard later and is ahead of it.
+        epoch_s = wall.wall_s() - now_s / self._swarm.clock.speedup
+        manifest = self._manifest.model_copy(update={"epoch_s": epoch_s})
         try:
-            take_truth(self._source, self.folder, self._manifest, now_s)
+            take_truth(self._source, self.folder, manifest, now_s)
         except InputError as error:
             recorder.note(Trouble("the simulator's truth", str(error), off=False), now_s)
         except OSError as error:

@@ -12,6 +12,7 @@ from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.rim import Rim
 from swarm_ctl.runtime.station import judged_flight
 from swarm_ctl.runtime.station.judged_flight import _SETTLES_WALL_S, _Flight
+from tests.unit.report.run_folders import manifest
 
 
 class Begins:
@@ -56,3 +57,18 @@ def test_it_begins_without_an_agent_that_does_not_come(monkeypatch: pytest.Monke
     assert not flight.with_heard(True, False)
     flight.now += _SETTLES_WALL_S + 0.1
     assert flight.with_heard(True, False)
+
+
+def test_the_truth_stands_on_the_clock_of_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clock went over to an agent's that is 21 s ahead when the record had begun: by its first
+    epoch the truth seemed to have ended 21 s ago."""
+    given: list[Any] = []
+    monkeypatch.setattr(judged_flight, "take_truth", lambda *words: given.append(words))
+    monkeypatch.setattr(judged_flight.wall, "wall_s", lambda: 100.0)
+    swarm: Any = SimpleNamespace(clock=SimpleNamespace(now=lambda: 51.0, speedup=3.0))
+    quiet: Any = SimpleNamespace(count=0, again=False)
+    flight = _Flight(swarm, Path(), quiet, lambda: None, [], Path("truth.jsonl"))
+    flight.folder, flight._manifest = Path(), manifest(epoch_s=90.0, speedup=3.0)
+    flight._take_truth(SimpleNamespace())  # type: ignore[arg-type]
+    ((_, _, taken, now_s),) = given
+    assert (taken.epoch_s, now_s) == (83.0, 51.0)
