@@ -113,10 +113,13 @@ def _cut_ways(at: PlannedStep, place: Place) -> list[Mistake]:
         if step.way_m:
             radius_m = before.radius_m
             gap_m = among.gap_m(before.centre_m, step.way_m[-1], radius_m)
+            needed_m = among.needed_m(0.0)
             widest = f"the widest gap is about {gap_m:.1f} m" if gap_m else "there is no gap"
-            needed = f"one vehicle needs {among.needed_m(0.0):.1f} m"
-            what = f"there is no way past zone {cut}: {widest}, {needed}"
+            what = f"there is no way past zone {cut}: {widest}, one vehicle needs {needed_m:.1f} m"
             allowed = "a wider gap, or another way"
+            if gap_m and gap_m > needed_m:  # the gap is no hindrance, but one of the ends is
+                what = f"the way of the formation begins or ends too near to zone {cut}"
+                allowed = f"at least {0.5 * needed_m:.1f} m away"
         return [Mistake(place, what, allowed)]
     return []
 

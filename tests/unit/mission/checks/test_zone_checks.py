@@ -146,6 +146,14 @@ def test_a_move_without_a_way_is_refused_with_the_gap_that_there_is() -> None:
     assert problem.allowed == "a wider gap, or another way"
 
 
+def test_a_move_that_begins_too_near_to_a_zone_is_no_matter_of_gaps() -> None:
+    """A gap of 13 m was named beside a need of 3.5 m."""
+    zones = "zones:\n  oak: {circle: [0, 0], radius: 0.3}\n"
+    start, _, move = problems(TEXT.replace(*WIDE) + zones)
+    assert "starts in zone oak" in start.what
+    assert "begins or ends too near to zone oak" in move.what
+
+
 def test_zones_are_lengths_of_the_file() -> None:
     """In metres as in units."""
     in_units = loads(f"{TEXT}zones:\n  x: {{circle: [20, 20], radius: 2}}\n").plan.zones
