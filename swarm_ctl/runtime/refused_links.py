@@ -22,9 +22,11 @@ from swarm_ctl.trust.identity import Identity
 _STDOUT: Final = 1
 _LINE: Final = re.compile(rb"zenoh_link_tls|zenoh_link_commons::quic|interceptor::access_control")
 _CHUNK: Final = 1 << 16
+_NO_TLS: Final = "the other end speaks no TLS: it flies without trust, or is no agent"
 _WHY: Final = (
     (b"peer sent no certificates", "the other end has no certificate"),
-    (b"InvalidContentType", "the other end speaks no TLS: it flies without trust, or is no agent"),
+    (b"InvalidContentType", _NO_TLS),
+    (b"corrupt message", _NO_TLS),  # bytes that look like another part of a TLS record
     (b"certificate expired", "the other end's certificate has expired, by this host's clock"),
     (b"not valid yet", "the other end's certificate is not valid yet, by this host's clock"),
     (b"alert: CertificateExpired", "the other end finds our certificate expired, by its clock"),

@@ -64,10 +64,11 @@ def test_a_client_that_does_not_read_holds_up_no_write() -> None:
         assert client.recv(20).startswith(b"HTTP/1.1 101")
         every = [{"id": k, "channelId": k} for k in range(1, 1500)]
         text = json.dumps({"op": "subscribe", "subscriptions": every}).encode()
-        client.sendall(bytes([0x81, 0xFE]) + len(text).to_bytes(2, "big") + MASK + text)
         until, channel = time.monotonic() + PATIENCE_S, server._channels["swarm", None]
         while not channel.has_sinks() and time.monotonic() < until:
-            time.sleep(0.02)
+            # once more: before the server has told its channels, it knows none to subscribe to
+            client.sendall(bytes([0x81, 0xFE]) + len(text).to_bytes(2, "big") + MASK + text)
+            time.sleep(0.2)
         assert channel.has_sinks()  # it has subscribed
         began, data = time.monotonic(), b'{"x":"' + bytes(100_000) + b'"}'
         for k in range(2000):
