@@ -74,6 +74,8 @@ class FoxgloveServer:
         where the client does not read, so that the SDK drops what it has for it."""
         with socket.create_connection((self._inner, self._server.port), _INNER_WALL_S) as inner:
             inner.sendall(head)
+            inner.settimeout(SEND_WALL_S)
+            client.settimeout(SEND_WALL_S)
             back = threading.Thread(target=_copy, args=(client, inner), daemon=True)
             back.start()
             _copy(inner, client)
@@ -127,13 +129,21 @@ class FoxgloveServer:
 
 
 def _copy(source: socket.socket, target: socket.socket) -> None:
-    source.settimeout(None)
-    target.settimeout(SEND_WALL_S)
+    """Until one of them ends, or `target` takes nothing for its timeout. A `source` may say nothing
+    for as long as it likes: a client that only reads does."""
     with contextlib.suppress(OSError):
-        while data := source.recv(65536):
+        while data := _next(source):
             target.sendall(data)
     with contextlib.suppress(OSError):
         target.shutdown(socket.SHUT_WR)
+
+
+def _next(source: socket.socket) -> bytes:
+    """What it says next; empty at its end."""
+    while True:
+        # its timeout is that of what is sent to it, by another thread
+        with contextlib.suppress(TimeoutError):
+            return source.recv(65536)
 
 
 def _inner_host() -> str:
