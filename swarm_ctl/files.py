@@ -28,7 +28,12 @@ def open_regular(path: Path) -> IO[bytes]:
     Raises:
         OSError: it can't be opened, or is no regular file; `strerror` says which.
     """
-    _require_regular(path, path.stat())  # before it is opened: a device may act on that
+    try:
+        found = path.stat()
+    except ValueError as error:  # NUL, or half of a surrogate pair
+        what = "has a character in its name that no file has"
+        raise OSError(errno.EINVAL, what, str(path)) from error
+    _require_regular(path, found)  # before it is opened: a device may act on that
     file = open(path, "rb", opener=_at_once)  # noqa: SIM115 - the caller closes it
     try:
         _require_regular(path, os.fstat(file.fileno()))

@@ -41,7 +41,8 @@ def write(
 ) -> None:
     """Write a mission's zones and fence as GeoJSON, KML or a plan of QGroundControl.
 
-    A mission reads the file again with `zones: FILE`. A .plan has no heights.
+    A mission reads the file again with `zones: FILE`. None of them has the fence's height, and a
+    .plan has no names, floors, ceilings and clearances; what is not in the file is told.
 
     Examples:
 
@@ -51,7 +52,8 @@ def write(
     """
     require("ground", "swarm-ctl zones write")
     from swarm_ctl.mission.compile.loader import load
-    from swarm_ctl.mission.input.zone_files import KINDS, areas_of, written
+    from swarm_ctl.mission.input.zone_files import KINDS
+    from swarm_ctl.mission.input.zone_writing import areas_of, lost_in, written
     from swarm_ctl.report.folder.files import write_whole
 
     kind = out.suffix.lower()
@@ -61,8 +63,9 @@ def write(
     require_writable(out, "choose another FILE")
     areas = areas_of(plan)
     write_whole(out, written(areas, kind, plan.origin))
-    lost = kind == ".plan" and any(zone.floor_m or zone.ceiling_m for zone in plan.zones)
-    console.say(f"{out}: {len(plan.zones)} zones{', without their heights' if lost else ''}")
+    count = len(plan.zones)
+    zones_said = f"{count} zone{'' if count == 1 else 's'} and the fence"
+    console.say(f"{out}: {zones_said}; not in it: {', '.join(lost_in(plan, kind))}")
 
 
 _Fleet = Annotated[Path | None, option("FILE", "A fleet file, or a mission.")]
@@ -131,8 +134,16 @@ def _with_each(fleet: Path, items: Sequence[FenceItem] | None) -> None:
             f"{fleet}: agent {', '.join(absent)} has no endpoint: `run` starts its vehicle;"
             " allowed: a fleet whose agents name the endpoints of their vehicles"
         )
+    vehicles = dict[int, int]()
+    for entry in found.agents:
+        first = vehicles.setdefault(entry.sysid, entry.id)
+        if first != entry.id:
+            raise InputError(
+                f"{fleet}: agents {first} and {entry.id} both have sysid {entry.sysid};"
+                " allowed: a sysid of its own for every vehicle"
+            )
     for entry in found.agents:
         report = transferred(entry.endpoint or "", entry.sysid, items, entry.id, LinkKeys.of(found))
-        console.say(f"vehicle {entry.sysid}: {report.trouble or report.words}")
+        console.say(report.trouble or f"vehicle {entry.sysid}: {report.words}")
         troubled = troubled or bool(report.trouble)
     raise typer.Exit(1 if troubled else 0)

@@ -63,5 +63,7 @@ def dotted(place: Place) -> str:
     if len(place) > 1 and place[0] == "steps" and isinstance(place[1], int):
         step = f"step {place[1] + 1}"
         return f"{step}, {dotted(place[2:])}" if place[2:] else step
-    text = "".join(f"#{part + 1}" if isinstance(part, int) else f".{part}" for part in place)
+    text = "".join(
+        f"#{part + 1}" if isinstance(part, int) else f".{part or repr(part)}" for part in place
+    )
     return text.removeprefix(".") or "(whole file)"

@@ -155,7 +155,8 @@ def describe(root: _Schema, node: _Schema) -> str:
         needed = node.get("required", [])
         others = [name for name in node["properties"] if name not in needed]
         return "a mapping of " + ", ".join([*needed, *others])
-    return "a mapping of names to values"
+    most = f", {node['maxProperties']} at most" if "maxProperties" in node else ""
+    return f"a mapping of names to values{most}"
 
 
 def _what(error: Mapping[str, Any], node: _Schema) -> str:

@@ -63,6 +63,9 @@ class _Loader(yaml.SafeLoader):
             raise _TooManyError(mark, self._field or dotted(()), what, allowed)
 
 
+_MOST_DIGITS = 300
+"""A whole number of more is read as a float, which may be infinite: it is told as such, and no
+arithmetic overflows."""
 _TAG = "tag:yaml.org,2002:"
 _MOST_BYTES = 4_000_000
 """Twice what 250 agents with a hundred shapes, slot by slot, need; more takes seconds to parse."""
@@ -239,7 +242,7 @@ class _Converter:
             if tag == "bool":
                 return text.lower() == "true"
             if tag == "int":
-                return int(text)
+                return int(text) if len(text) <= _MOST_DIGITS else float(text)
             if tag == "float":
                 return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
         except ValueError:

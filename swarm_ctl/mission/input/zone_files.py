@@ -5,10 +5,12 @@ All give latitude and longitude; a file's places are turned into the mission's c
 to stay inside of (an *inclusion*) is the fence, what is to keep out of is a zone. None of the three
 has a standard for heights: `floor_m`, `ceiling_m` and `clearance_m` are properties of a GeoJSON
 feature, data of a KML placemark, and in a `.plan` there are none.
+`zone_writing.py` writes such files.
 """
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import os
@@ -18,17 +20,25 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 from xml.etree import ElementTree as Xml
 
+from pydantic import ValidationError
+
 from swarm_ctl.core.model.frames import geodetic_from_ned, ned_from_geodetic
 from swarm_ctl.core.model.geometry import Point
-from swarm_ctl.core.model.plan import Geodetic, Plan
+from swarm_ctl.core.model.plan import Geodetic
 from swarm_ctl.files import read_bytes
 from swarm_ctl.mission.input.document import Document, problem_at
+from swarm_ctl.mission.sections.mission_sections import OriginSection
 
 _MOST_BYTES: Final = 5_000_000
 _MOST_PROBLEMS: Final = 20
 _CORNERS: Final = 32
 """Of a circle, where a polygon has to stand for it."""
-_HEIGHTS: Final[tuple[str, ...]] = ("floor_m", "ceiling_m", "clearance_m")
+HEIGHTS: Final[tuple[str, ...]] = ("floor_m", "ceiling_m", "clearance_m")
+_FARTHEST: Final = 10_000.0
+"""From the origin, and the largest radius, in lengths of the mission, as its sections allow."""
+_LARGEST: Final = 1_000.0
+_MOST_DIGITS: Final = 300
+"""A whole number of more may be none that a computer can hold."""
 KINDS: Final = (".geojson", ".json", ".kml", ".plan")
 _ALLOWED: Final = (
     f"a file of at most {_MOST_BYTES / 1e6:g} MB ending in {', '.join(KINDS)}, in the mission's"
@@ -71,8 +81,8 @@ def graft(source: Document, folder: Path) -> bool:
         return True
     before = len(source.problems)
     data["zones"] = {}
-    path = Path(os.path.realpath(folder / named))
     try:
+        path = Path(os.path.realpath(folder / named))
         if not path.is_relative_to(os.path.realpath(folder)):
             raise ValueError("lies outside of the mission's folder")
         areas, wrong = read(path)
@@ -83,28 +93,40 @@ def graft(source: Document, folder: Path) -> bool:
         what = f"{folder / named} can't be read: {why}"
         source.problems.append(source.problem(("zones",), what, _ALLOWED))
         return False
+    origin, unit = _origin(data), _unit(data)
+    if origin is not None and unit is not None:  # else they have a problem of their own
+        wrong = [*wrong, *_put(source, areas, f"{folder / named}", origin, unit)]
     for each in wrong[:_MOST_PROBLEMS]:
         where = f"{folder / named}: {each.where}" if each.where else str(folder / named)
         source.problems.append(problem_at(where, "zones", each.what, each.allowed))
-    origin, unit = _origin(data), _unit(data)
-    if origin is None or unit is None:
-        return len(source.problems) == before  # they have a problem of their own
-    _put(source, areas, origin, unit)
     return len(source.problems) == before
 
 
-def _put(source: Document, areas: Sequence[Area], origin: Geodetic, unit_m: float) -> None:
-    """Zones and fence into the mission, lengths in what the file has."""
-    zones, fences = source.data["zones"], list[Area]()
+def _put(
+    source: Document, areas: Sequence[Area], file: str, origin: Geodetic, unit_m: float
+) -> list[_WrongError]:
+    """Zones and fence into the mission, lengths in what it has, each with its place in the file;
+    what can't be put there is the value."""
+    zones, fences, wrong = source.data["zones"], list[Area](), list[_WrongError]()
     for k, area in enumerate(areas, start=1):
-        if area.inclusion:
-            fences.append(area)
+        where = f"{file}: {area.where}"
+        try:
+            corners = [_near(at, area.where, origin, unit_m) for at in area.corners]
+            if area.inclusion:
+                fences.append(area)
+                continue
+            if area.radius_m > _LARGEST * unit_m:
+                what = f"has a radius of {area.radius_m:g} m"
+                raise _WrongError(area.where, what, f"at most {_LARGEST * unit_m:g} m")
+        except _WrongError as error:
+            wrong.append(error)
             continue
-        corners = [_local(at, origin, unit_m) for at in area.corners]
         shape: dict[str, Any] = {"polygon": tuple(corners)}
         if area.radius_m:
             shape = {"circle": corners[0], "radius": area.radius_m / unit_m}
-        zones[_name(area.name, k, zones)] = shape | dict(area.heights)
+        name = _name(area.name, k, zones)
+        zones[name] = shape | dict(area.heights)
+        source.wheres["zones", name] = where
     fence = source.data.get("fence", {})
     if len(fences) > 1:
         what = f"{len(fences)} areas are to stay inside of"
@@ -115,6 +137,8 @@ def _put(source: Document, areas: Sequence[Area], origin: Geodetic, unit_m: floa
         ring = _circle(one, origin) if one.radius_m else one.corners
         polygon = tuple(_local(at, origin, unit_m) for at in ring)
         source.data["fence"] = {**fence, "polygon": polygon}
+        source.wheres["fence", "polygon"] = f"{file}: {one.where}"
+    return wrong
 
 
 def _circle(area: Area, origin: Geodetic) -> tuple[tuple[float, float], ...]:
@@ -123,7 +147,22 @@ def _circle(area: Area, origin: Geodetic) -> tuple[tuple[float, float], ...]:
     turns = [2.0 * math.pi * k / _CORNERS for k in range(_CORNERS)]
     r = area.radius_m
     ring = ((north + r * math.cos(a), east + r * math.sin(a)) for a in turns)
-    return tuple(_globe(at, origin) for at in ring)
+    return tuple(globe(at, origin) for at in ring)
+
+
+def _near(at: tuple[float, float], where: str, origin: Geodetic, unit_m: float) -> Point:
+    """A corner in the mission's lengths.
+
+    Raises:
+        _WrongError: it is farther from the origin than a mission's places may be.
+    """
+    found = _local(at, origin, unit_m)
+    if max(map(abs, found)) > _FARTHEST:
+        away_m = math.hypot(*found) * unit_m
+        what = f"has a corner {away_m / 1000:.0f} km from the mission's origin"
+        most = f"at most {_FARTHEST * unit_m / 1000:g} km north or south, east or west"
+        raise _WrongError(where, what, f"{most}; are latitude and longitude exchanged?")
+    return found
 
 
 def _local(at: tuple[float, float], origin: Geodetic, unit_m: float) -> Point:
@@ -131,31 +170,34 @@ def _local(at: tuple[float, float], origin: Geodetic, unit_m: float) -> Point:
     return round(north / unit_m, 6), round(east / unit_m, 6)
 
 
-def _globe(at_m: Point, origin: Geodetic) -> tuple[float, float]:
+def globe(at_m: Point, origin: Geodetic) -> tuple[float, float]:
+    """(latitude, longitude) of a place in the common frame, to a tenth of a millimetre."""
     found = geodetic_from_ned((*at_m, 0.0), origin)
     return round(found.lat_deg, 9), round(found.lon_deg, 9)
 
 
 def _origin(data: Mapping[str, Any]) -> Geodetic | None:
+    """The mission's origin; None: it is wrong."""
     try:
-        given = data["origin"]
-        return Geodetic(*(float(given[name]) for name in ("lat_deg", "lon_deg", "alt_m")))
-    except (KeyError, TypeError, ValueError):
+        return OriginSection.model_validate(data.get("origin")).planned()
+    except ValidationError:
         return None
 
 
 def _unit(data: Mapping[str, Any]) -> float | None:
-    """Metres of one of the file's lengths."""
+    """Metres of one of the mission's lengths; None: it is wrong."""
     if data.get("lengths") == "metres":
         return 1.0
     unit = data.get("unit_m", 5.0)
-    return float(unit) if isinstance(unit, int | float) and unit > 0 else None
+    sound = isinstance(unit, int | float) and 0.1 <= unit <= 1000
+    return float(unit) if sound else None
 
 
 def _name(wanted: str, k: int, taken: Mapping[str, Any]) -> str:
     """A name that a mission allows, and no other zone has."""
     name = re.sub(r"[^A-Za-z0-9_-]+", "-", wanted).strip("-_")[:34] or f"zone-{k}"
-    return name if name not in taken else f"{name}-{k}"
+    numbered = (f"{name}-{n}" for n in itertools.count(k))
+    return next(each for each in itertools.chain((name,), numbered) if each not in taken)
 
 
 # --- reading ---
@@ -165,31 +207,52 @@ def read(path: Path) -> tuple[list[Area], list[_WrongError]]:
     """The places of a file, and what is wrong with others.
 
     Raises:
-        OSError, ValueError: it can't be read, or is none of the kinds.
+        OSError, ValueError: it can't be read, is none of the kinds, or has no place in it.
     """
     kind = path.suffix.lower()
     if kind not in KINDS:
         raise ValueError(f"it ends in {kind or 'nothing'}")
-    text = read_bytes(path, _MOST_BYTES).decode("utf-8-sig")
-    if kind == ".kml":
-        return _collected(_kml(text))
     try:
-        data = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        line = getattr(error, "lineno", 1)
-        raise _WrongError(f"line {line}", "is no JSON", "a whole JSON file") from None
+        text = read_bytes(path, _MOST_BYTES).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise _WrongError("", "is no text in UTF-8", "UTF-8") from None
+    areas, wrong = _collected(_kml(text) if kind == ".kml" else _json(text, kind))
+    if not areas and not wrong:
+        raise _WrongError("", "has no zone in it", "one at least; or no `zones` in the mission")
+    return areas, wrong
+
+
+def _json(text: str, kind: str) -> Iterator[Callable[[], list[Area]]]:
+    try:
+        data = json.loads(text, parse_int=_whole)
+    except RecursionError:
+        raise _WrongError("", "is nested too deeply", "GeoJSON, or a plan") from None
+    except json.JSONDecodeError as error:
+        raise _WrongError(f"line {error.lineno}", "is no JSON", "a whole JSON file") from None
     plan = kind == ".plan" or (isinstance(data, dict) and "geoFence" in data)
-    return _collected(_plan(data) if plan else _geojson(data))
+    return _plan(data) if plan else _geojson(data)
+
+
+def _whole(digits: str) -> float:
+    """A whole number; one of too many digits as a float, which may be infinite."""
+    return int(digits) if len(digits) <= _MOST_DIGITS else float(digits)
 
 
 def _collected(found: Iterator[Callable[[], list[Area]]]) -> tuple[list[Area], list[_WrongError]]:
     areas, wrong = list[Area](), list[_WrongError]()
     for each in found:
         try:
-            areas += each()
+            areas += map(_sound, each())
         except _WrongError as error:
             wrong.append(error)
     return areas, wrong
+
+
+def _sound(area: Area) -> Area:
+    if area.inclusion and area.heights:
+        what = f"is to stay inside of, and gives {', '.join(area.heights)}"
+        raise _WrongError(area.where, what, "heights of zones alone; the mission's fence.height_m")
+    return area
 
 
 def _geojson(data: Any) -> Iterator[Callable[[], list[Area]]]:
@@ -198,6 +261,7 @@ def _geojson(data: Any) -> Iterator[Callable[[], list[Area]]]:
     features = data.get("features") if data["type"] == "FeatureCollection" else [data]
     if not isinstance(features, list):
         raise _WrongError("", "has no list of features", "features: [...]")
+    _require_degrees(data.get("crs"))
     for k, feature in enumerate(features, start=1):
         yield lambda k=k, feature=feature: _feature(k, feature)  # type: ignore[misc]
 
@@ -210,33 +274,78 @@ def _feature(k: int, feature: Any) -> list[Area]:
     geometry = feature.get("geometry") if feature.get("type") == "Feature" else feature
     if not isinstance(given, dict) or not isinstance(geometry, dict):
         raise _WrongError(where, "has no geometry", "a Polygon, MultiPolygon, or Point with radius")
-    name = given.get("name", "")
-    name = name if isinstance(name, str) else ""
+    name = _told(given, "name", _told(given, "Name", ""))
+    name = str(name) if isinstance(name, str | int | float) else ""
     where += f" ({name})" if name else ""
-    heights = {key: _number(given[key], where, key) for key in _HEIGHTS if key in given}
-    inclusion = given.get("inclusion", given.get("fence", False)) is True
+    heights = {
+        key: _number(given[key], where, key) for key in HEIGHTS if _told(given, key) is not None
+    }
+    inclusion = _told(given, "inclusion", _told(given, "fence", False))
+    if not isinstance(inclusion, bool):
+        raise _WrongError(where, f"inclusion is {_short(inclusion)}", "true or false, no quotes")
     kind, coordinates = geometry.get("type"), geometry.get("coordinates")
     if kind == "Point":
-        if "radius" not in given:
+        if _told(given, "radius") is None:
             raise _WrongError(where, "is a point without radius", "a radius [m] in its properties")
         radius_m = _radius(given["radius"], where)
         return [Area(where, name, (_lon_lat(coordinates, where),), radius_m, inclusion, heights)]
-    rings = {"Polygon": [coordinates], "MultiPolygon": coordinates}.get(str(kind))
-    if not isinstance(rings, list):
-        allowed = "a Polygon, MultiPolygon, or Point with radius"
-        raise _WrongError(where, f"is a {kind}", allowed)
-    return [
-        Area(where, name, _ring(ring, where), 0.0, inclusion, heights)
-        for ring in (_outer(polygon, where) for polygon in rings)
-    ]
+    polygons = {"Polygon": [coordinates], "MultiPolygon": coordinates}.get(str(kind))
+    if not isinstance(polygons, list):
+        what = f"is a {kind}" if kind != "MultiPolygon" else "has no list of coordinates"
+        raise _WrongError(where, what, "a Polygon, MultiPolygon, or Point with radius")
+    if not polygons:
+        raise _WrongError(where, "has no polygon in it", "one at least")
+    rings = [_outer(polygon, where, str(kind)) for polygon in polygons]
+    return [Area(where, name, _ring(ring, where), 0.0, inclusion, heights) for ring in rings]
 
 
-def _outer(polygon: Any, where: str) -> Any:
+def _told(given: Mapping[str, Any], key: str, default: Any = None) -> Any:
+    """A property; the default where it is null, as in a table of which each feature has all
+    columns."""
+    found = given.get(key)
+    return default if found is None else found
+
+
+def _short(value: Any) -> str:
+    """A value of a file, to be shown."""
+    text = json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= 40 else f"{text[:37]}..."
+
+
+def _require_degrees(crs: Any) -> None:
+    """An old GeoJSON may name what its numbers are; anything but WGS 84 is not read."""
+    given = crs.get("properties") if isinstance(crs, dict) else None
+    name = str(given.get("name", "")) if isinstance(given, dict) else ""
+    if name and not re.search(r"CRS84h?$|EPSG:.*\b(4326|4979)$", name):
+        allowed = "WGS 84 (EPSG:4326): save it with this crs"
+        raise _WrongError("", f"has the crs {_short(name)}", allowed)
+
+
+_DEPTH: Final = 3
+"""A polygon is a list of rings, a ring of corners, a corner of numbers."""
+
+
+def _outer(polygon: Any, where: str, kind: str) -> Any:
+    depth = _depth(polygon)
+    if depth and depth != _DEPTH:
+        off = abs(depth - _DEPTH)
+        how = f"{off} level{'s' if off > 1 else ''} too {'little' if depth < _DEPTH else 'deep'}"
+        rings = "polygons, each of rings" if kind == "MultiPolygon" else "rings"
+        allowed = f"{kind}: a list of {rings}, each of [longitude, latitude]"
+        raise _WrongError(where, f"its coordinates are nested {how}", allowed)
     if not isinstance(polygon, list) or not polygon:
         raise _WrongError(where, "has no corners", "a ring of corners")
     if len(polygon) > 1:
         raise _WrongError(where, "has a hole", "polygons without holes")
     return polygon[0]
+
+
+def _depth(value: Any) -> int:
+    """How many lists there are around the first number; 0: there is no number."""
+    depth = 0
+    while isinstance(value, list) and value:
+        depth, value = depth + 1, value[0]
+    return depth if isinstance(value, int | float) else 0
 
 
 def _ring(ring: Any, where: str) -> tuple[tuple[float, float], ...]:
@@ -271,9 +380,15 @@ def _lat_lon(at: Any, where: str) -> tuple[float, float]:
 
 
 def _number(value: Any, where: str, what: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise _WrongError(where, f"{what} is no number", "a plain number")
-    return float(value)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise _WrongError(where, f"{what} is {_short(value)}, no number", "a plain number")
+    try:
+        found = float(value)
+    except OverflowError:
+        found = math.inf
+    if not math.isfinite(found):
+        raise _WrongError(where, f"{what} is no finite number", "a plain number")
+    return found
 
 
 def _radius(value: Any, where: str) -> float:
@@ -293,7 +408,8 @@ def _plan(data: Any) -> Iterator[Callable[[], list[Area]]]:
     for kind in ("polygons", "circles"):
         items = fence.get(kind, [])
         if not isinstance(items, list):
-            raise _WrongError("", f"geoFence.{kind} is no list", "a list")
+            what = f"geoFence.{kind} is {_short(items)}"
+            raise _WrongError("", what, f"a list of {kind}; [] where there are none")
         for k, item in enumerate(items, start=1):
             yield lambda k=k, item=item, kind=kind: _plan_item(f"{kind[:-1]} {k}", item)  # type: ignore[misc]
 
@@ -338,23 +454,45 @@ def _placemark(k: int, mark: Xml.Element) -> list[Area]:
         for each in mark.iter()
         if _tag(each) in ("Data", "SimpleData")
     }
-    heights = {key: _parsed(given[key], where, key) for key in _HEIGHTS if key in given}
-    inclusion = given.get("inclusion", "").lower() == "true"
+    heights = {key: _parsed(given[key], where, key) for key in HEIGHTS if given.get(key)}
+    inclusion = _TRUTH.get(given.get("inclusion", "").lower())
+    if inclusion is None:
+        raise _WrongError(where, f"inclusion is {_short(given['inclusion'])}", "true or false")
+    other = next((_tag(each) for each in mark.iter() if _tag(each) in _NO_AREAS), None)
+    points = [each for each in mark.iter() if _tag(each) == "Point"]
     polygons = [each for each in mark.iter() if _tag(each) == "Polygon"]
-    if not polygons:
-        point = next((each for each in mark.iter() if _tag(each) == "Point"), None)
-        if point is None or "radius" not in given:
-            raise _WrongError(where, "has no Polygon", "a Polygon, or a Point with data radius [m]")
+    if other is not None or not (points or polygons):
+        what = f"is a {other}" if other and not polygons else "has no Polygon"
+        what = f"has a {other} beside its polygon" if other and polygons else what
+        raise _WrongError(where, what, "a Polygon, or a Point with data radius [m]")
+    found = [Area(where, name, _corners(each, where), 0.0, inclusion, heights) for each in polygons]
+    if points and not polygons and not given.get("radius"):
+        raise _WrongError(where, "is a point without radius", "a radius [m] in its ExtendedData")
+    for point in points if given.get("radius") else ():  # else the place of a label
         radius_m = _radius(_parsed(given["radius"], where, "radius"), where)
-        (middle, *_) = _coordinates(point, where)
-        return [Area(where, name, (middle,), radius_m, inclusion, heights)]
-    found = list[Area]()
-    for polygon in polygons:
-        if any(_tag(each) == "innerBoundaryIs" for each in polygon.iter()):
-            raise _WrongError(where, "has a hole", "polygons without holes")
-        corners = _opened(_coordinates(polygon, where), where)
-        found.append(Area(where, name, corners, 0.0, inclusion, heights))
+        middles = _coordinates(point, where)
+        if len(middles) > 1:
+            raise _WrongError(where, f"has a Point of {len(middles)} places", "one a Point")
+        found.append(Area(where, name, (middles[0],), radius_m, inclusion, heights))
     return found
+
+
+_TRUTH: Final = {"true": True, "1": True, "false": False, "0": False, "": False}
+"""The values of XML's truth; '': none is given."""
+_NO_AREAS: Final = ("LineString", "Track", "MultiTrack", "Model", "LatLonQuad")
+
+
+def _corners(polygon: Xml.Element, where: str) -> tuple[tuple[float, float], ...]:
+    """Of its one ring."""
+    if any(_tag(each) == "innerBoundaryIs" for each in polygon.iter()):
+        raise _WrongError(where, "has a hole", "polygons without holes")
+    outer = [each for each in polygon.iter() if _tag(each) == "outerBoundaryIs"]
+    rings = [each for around in outer for each in around.iter() if _tag(each) == "LinearRing"]
+    if len(outer) != 1 or len(rings) != 1:
+        many = f"{len(outer)} outerBoundaryIs" if len(outer) != 1 else f"{len(rings)} LinearRings"
+        allowed = "one outerBoundaryIs of one LinearRing in each Polygon"
+        raise _WrongError(where, f"has a Polygon of {many}", allowed)
+    return _opened(_coordinates(rings[0], where), where)
 
 
 def _coordinates(element: Xml.Element, where: str) -> list[tuple[float, float]]:
@@ -379,104 +517,3 @@ def _text(element: Xml.Element) -> str:
 
 def _tag(element: Xml.Element) -> str:
     return element.tag.rpartition("}")[2] if isinstance(element.tag, str) else ""
-
-
-# --- writing ---
-
-
-def areas_of(plan: Plan) -> list[Area]:
-    """The zones of a plan and its fence."""
-    found = list[Area]()
-    for zone in plan.zones:
-        corners = tuple(_globe(at, plan.origin) for at in zone.corners_m)
-        told = {str(key): getattr(zone, key) for key in _HEIGHTS}
-        heights = {key: value for key, value in told.items() if value is not None}
-        where = f"zone {zone.name}"
-        found.append(Area(where, zone.name, corners, zone.radius_m, False, heights))
-    if plan.fence is not None and plan.fence.polygon_m:
-        corners = tuple(_globe(at, plan.origin) for at in plan.fence.polygon_m)
-        found.append(Area("the fence", "fence", corners, 0.0, True, {}))
-    return found
-
-
-def written(areas: Sequence[Area], kind: str, origin: Geodetic) -> str:
-    """The text of a file of this kind (`.geojson`, `.kml`, `.plan`), to be read again as the
-    same."""
-    if kind == ".kml":
-        return _as_kml(areas)
-    data = _as_plan(areas, origin) if kind == ".plan" else _as_geojson(areas)
-    return json.dumps(data, indent=1) + "\n"
-
-
-def _as_geojson(areas: Sequence[Area]) -> dict[str, Any]:
-    features = []
-    for area in areas:
-        ring = [[lon, lat] for lat, lon in (*area.corners, area.corners[0])]
-        geometry: dict[str, Any] = {"type": "Polygon", "coordinates": [ring]}
-        given: dict[str, Any] = {"name": area.name, **area.heights}
-        if area.radius_m:
-            geometry = {"type": "Point", "coordinates": ring[0]}
-            given["radius"] = area.radius_m
-        if area.inclusion:
-            given["inclusion"] = True
-        features.append({"type": "Feature", "properties": given, "geometry": geometry})
-    return {"type": "FeatureCollection", "features": features}
-
-
-def _as_plan(areas: Sequence[Area], origin: Geodetic) -> dict[str, Any]:
-    circles = [
-        {
-            "circle": {"center": list(area.corners[0]), "radius": area.radius_m},
-            "inclusion": area.inclusion,
-            "version": 1,
-        }
-        for area in areas
-        if area.radius_m
-    ]
-    polygons = [
-        {"inclusion": area.inclusion, "polygon": [list(at) for at in area.corners], "version": 1}
-        for area in areas
-        if not area.radius_m
-    ]
-    home = [origin.lat_deg, origin.lon_deg, origin.alt_m]
-    mission = {
-        "cruiseSpeed": 5,
-        "firmwareType": 3,
-        "hoverSpeed": 5,
-        "items": [],
-        "plannedHomePosition": home,
-        "vehicleType": 2,
-        "version": 2,
-    }
-    return {
-        "fileType": "Plan",
-        "geoFence": {"circles": circles, "polygons": polygons, "version": 2},
-        "groundStation": "QGroundControl",
-        "mission": mission,
-        "rallyPoints": {"points": [], "version": 2},
-        "version": 1,
-    }
-
-
-def _as_kml(areas: Sequence[Area]) -> str:
-    root = Xml.Element("kml", xmlns="http://www.opengis.net/kml/2.2")
-    document = Xml.SubElement(root, "Document")
-    for area in areas:
-        mark = Xml.SubElement(document, "Placemark")
-        Xml.SubElement(mark, "name").text = area.name
-        given = {key: f"{value:.9g}" for key, value in area.heights.items()}
-        if area.radius_m:
-            given["radius"] = f"{area.radius_m:.9g}"
-        if area.inclusion:
-            given["inclusion"] = "true"
-        extended = Xml.SubElement(mark, "ExtendedData")
-        for key, value in given.items():
-            Xml.SubElement(Xml.SubElement(extended, "Data", name=key), "value").text = value
-        shape = Xml.SubElement(mark, "Point" if area.radius_m else "Polygon")
-        corners = area.corners if area.radius_m else (*area.corners, area.corners[0])
-        if not area.radius_m:
-            shape = Xml.SubElement(Xml.SubElement(shape, "outerBoundaryIs"), "LinearRing")
-        text = " ".join(f"{lon:.9f},{lat:.9f}" for lat, lon in corners)
-        Xml.SubElement(shape, "coordinates").text = text
-    Xml.indent(root)
-    return '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, "unicode") + "\n"
