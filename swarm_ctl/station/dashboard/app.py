@@ -4,6 +4,8 @@ nothing: views come in from the station's thread, orders go out to it.
 
 from __future__ import annotations
 
+import itertools
+import math
 import os
 import signal
 import sys
@@ -37,7 +39,7 @@ from swarm_ctl.station.dashboard.bars import (
     verdict_line,
 )
 from swarm_ctl.station.dashboard.command_input import CommandInput, Purpose
-from swarm_ctl.station.dashboard.drawing.picture import Chosen, Picture
+from swarm_ctl.station.dashboard.drawing.picture import Chosen, NewZone, Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import StyledLine
 from swarm_ctl.station.dashboard.drawing.widgets import Painted
 from swarm_ctl.station.dashboard.key_bindings import ALWAYS, ONLY_ON, SCREENS, bindings
@@ -58,6 +60,19 @@ from swarm_ctl.station.picture.view import SwarmView
 _LEVELS: Final = (Level.WELL, Level.WARNING, Level.ERROR)
 T = TypeVar("T")
 _NOTICE_WALL_S: Final = 8.0
+_ARROWS: Final = {"up": (1, 0), "down": (-1, 0), "right": (0, 1), "left": (0, -1)}
+"""(north, east)."""
+_SIZES: Final = {"plus": 1, "equals_sign": 1, "minus": -1}
+_FAR: Final = 5
+"""Strides of an arrow with shift."""
+_FIRST_STRIDES: Final = 2
+"""The radius of a zone before it is sized."""
+
+
+def _circle(new: NewZone) -> str:
+    """In the words of its order."""
+    (north, east), radius = new.centre_m, new.radius_m
+    return f"circle {north:g} {east:g} {radius:g}"
 
 
 def _typed(event: Event) -> Key | Paste | None:
@@ -329,7 +344,7 @@ class Dashboard(App[None]):
             self._answer(isinstance(typed, Key) and typed.key == "enter")
         elif self._up and (line := self.query_one(CommandInput)).purpose:
             await self._type(line, typed)
-        elif self._up:
+        elif self._up and not (isinstance(typed, Key) and self._move_zone(typed.key)):
             await super().on_event(event)
 
     async def _type(self, line: CommandInput, typed: Key | Paste) -> None:
@@ -459,6 +474,59 @@ class Dashboard(App[None]):
             keys = "Enter stops, Esc lets it land."
             self._ask(Ask(words, keys, self._interrupt, "it lands on; only Enter stops"))
 
+    # --- a zone from the map ---
+
+    def action_place_zone(self) -> None:
+        """A circle on the middle of the map, which keys and clicks move and size until it is
+        ordered or dropped."""
+        picture, pane = self.picture, self.pane
+        if picture is None or not isinstance(pane, SwarmPane):
+            return
+        if all(agent.state is None for agent in picture.view.agents):
+            self._say("no positions yet: no map to place a zone on")
+            return
+        scale = pane.map_scale(picture)
+        centre_m = scale.point(scale.width // 2, scale.height // 2)
+        self._put_zone(NewZone(centre_m, _FIRST_STRIDES * scale.stride_m))
+
+    def _put_zone(self, new: NewZone) -> None:
+        self._choose(new_zone=new)
+        words = "arrows or a click move it, + - size it, Enter opens its order, Esc drops it"
+        self._say(f"zone {_circle(new)}: {words}", math.inf)
+
+    def _move_zone(self, key: str) -> bool:
+        """Whether the key was for the zone that is being placed."""
+        new, picture, pane = self._chosen.new_zone, self.picture, self.pane
+        if new is None or picture is None or not isinstance(pane, SwarmPane):
+            return False
+        stride = pane.map_scale(picture).stride_m
+        (north, east), direction = new.centre_m, key.rpartition("+")[2]
+        if direction in _ARROWS:
+            up, right = _ARROWS[direction]
+            stride *= _FAR if key.startswith("shift+") else 1
+            self._put_zone(replace(new, centre_m=(north + up * stride, east + right * stride)))
+        elif key in _SIZES:
+            self._put_zone(replace(new, radius_m=max(stride, new.radius_m + _SIZES[key] * stride)))
+        elif key in ("enter", "escape"):
+            self._choose(new_zone=None)
+            self._unsay()
+            if key == "enter":
+                names = {zone.name for zone in picture.view.zones}
+                name = next(f"zone-{k}" for k in itertools.count(1) if f"zone-{k}" not in names)
+                self.action_command(f"zone add {name} {_circle(new)}")
+        else:
+            return False
+        return True
+
+    def on_painted_clicked(self, event: Painted.Clicked) -> None:
+        """A click on the map moves the zone that is being placed."""
+        new, picture, pane = self._chosen.new_zone, self.picture, self.pane
+        if event.name != "map" or new is None or picture is None:
+            return
+        if isinstance(pane, SwarmPane):
+            centre_m = pane.map_scale(picture).point(event.column, event.row)
+            self._put_zone(replace(new, centre_m=centre_m))
+
     # --- orders ---
 
     def action_order(self, name: str) -> None:
@@ -561,13 +629,13 @@ class Dashboard(App[None]):
         else:
             self._say(question.otherwise)
 
-    def _say(self, text: str) -> None:
+    def _say(self, text: str, for_s: float = _NOTICE_WALL_S) -> None:
         """A word to the operator, until the next one."""
         self._notice = text
         self._draw_below()
         if self._unsay_timer is not None:
             self._unsay_timer.stop()
-        self._unsay_timer = self.set_timer(_NOTICE_WALL_S, self._unsay)
+        self._unsay_timer = self.set_timer(for_s, self._unsay) if for_s < math.inf else None
 
     def _unsay(self) -> None:
         self._notice = ""

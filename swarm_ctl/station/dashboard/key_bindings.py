@@ -16,6 +16,7 @@ ALWAYS: Final = ("ctrl+c", "ctrl+q")
 ONLY_ON: Final = {
     "mark_cursor": "swarm",
     "mark_all": "swarm",
+    "place_zone": "swarm",
     "sort_next": "swarm",
     "sort_turn": "swarm",
     "metric_next": "links",
@@ -73,5 +74,5 @@ def bindings() -> list[BindingType]:
         Binding("x", "acknowledge", "seen"),
         Binding("ctrl+q", "leave", show=False),
     ]
-    keys = {"q": "leave", "a": "mark_all", "S": "sort_turn", "t": "theme"}
+    keys = {"q": "leave", "a": "mark_all", "S": "sort_turn", "Z": "place_zone", "t": "theme"}
     return at_once([*shown_keys, *hidden(keys | MOVES)])

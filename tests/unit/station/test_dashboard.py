@@ -18,6 +18,7 @@ from swarm_ctl.station.dashboard.app import Dashboard
 from swarm_ctl.station.dashboard.bars import protection_line
 from swarm_ctl.station.dashboard.drawing.picture import Chosen, Picture
 from swarm_ctl.station.dashboard.panes.agent_table import TITLES, in_order
+from swarm_ctl.station.dashboard.panes.swarm_pane import SwarmPane
 from swarm_ctl.station.dashboard.themes import DARK, LIGHT, PLAIN
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.protection import MeshKind, Protection
@@ -150,6 +151,55 @@ def test_orders_by_key_go_to_all_or_to_the_marked() -> None:
         assert desk.orders == wanted
 
     _play(play)
+
+
+def test_a_zone_is_placed_on_the_map_by_keys_and_clicks() -> None:
+    """Enter opens its order, which another Enter sends; Esc drops it. A key that it does not take
+    is the screen's: `h` holds."""
+
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        await pilot.press("Z")
+        first = app._chosen.new_zone
+        assert first is not None
+        pane, picture = app.pane, app.picture
+        assert isinstance(pane, SwarmPane)
+        assert picture is not None
+        stride = pane.map_scale(picture).stride_m
+        await pilot.press("up", "up", "left", "shift+right", "plus", "h")
+        new = app._chosen.new_zone
+        assert new is not None
+        moved = [b - a for a, b in zip(first.centre_m, new.centre_m, strict=True)]
+        assert moved == pytest.approx([2 * stride, 4 * stride])
+        assert new.radius_m == pytest.approx(first.radius_m + stride)
+        assert "Enter opens its order" in text(app)
+        await pilot.press("enter")
+        (north, east), radius = new.centre_m, new.radius_m
+        words = ("add", "zone-1", "circle", f"{north:g}", f"{east:g}", f"{radius:g}")
+        await settled(pilot)
+        assert f":zone {' '.join(words)}" in text(app)
+        await pilot.press("enter")
+        assert desk.orders == [Order("hold"), Order("zone", words)]
+        await pilot.press("Z")
+        row, column = _find(app, "N↑")
+        await pilot.click(offset=(column - 4, row + 1))
+        clicked = app._chosen.new_zone
+        assert clicked is not None
+        assert clicked.centre_m[0] > first.centre_m[0]
+        assert clicked.centre_m[1] > first.centre_m[1]
+        await pilot.press("escape", "enter")
+        assert app._chosen.new_zone is None
+        assert len(desk.orders) == 2
+
+    _play(play, size=(160, 50))
+
+
+def test_without_a_map_no_zone_is_placed() -> None:
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        await pilot.press("Z", "enter")
+        await settled(pilot)
+        assert "no map to place a zone on" in text(app)
+
+    _play(play, PICTURES["waiting"]())
 
 
 def test_the_command_line_completes_refuses_and_remembers() -> None:

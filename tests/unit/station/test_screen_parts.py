@@ -20,12 +20,12 @@ from swarm_ctl.core.swarm.gain_update import LEAD_S
 from swarm_ctl.runtime.station.ground_station import swarm_now
 from swarm_ctl.station.dashboard.bars import answers_line, title_line
 from swarm_ctl.station.dashboard.drawing.canvas import Canvas
-from swarm_ctl.station.dashboard.drawing.picture import Chosen, Picture
+from swarm_ctl.station.dashboard.drawing.picture import Chosen, NewZone, Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import StyledLine, bar, blocks, fit, gauge
 from swarm_ctl.station.dashboard.drawing.widgets import Heading
 from swarm_ctl.station.dashboard.panes.link_matrix import METRICS, listener_lines
 from swarm_ctl.station.dashboard.panes.sigma_pane import budget_used
-from swarm_ctl.station.dashboard.panes.swarm_map import fitted, map_lines, position
+from swarm_ctl.station.dashboard.panes.swarm_map import MapScale, fitted, map_lines, position
 from swarm_ctl.station.output.json_lines import json_line
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.history import LOSS_WINDOW_S, LinkSeries
@@ -64,18 +64,43 @@ def test_whatever_is_drawn_stays_on_the_canvas(
 
 
 @pytest.mark.parametrize("size", [(80, 12), (60, 40), (8, 3)])
-@given(st.lists(st.tuples(st.floats(-2000, 2000), st.floats(-2000, 2000)), min_size=6, max_size=6))
-def test_the_map_shows_all_agents(size: tuple[int, int], places: list[tuple[float, float]]) -> None:
+@given(
+    st.lists(st.tuples(st.floats(-2000, 2000), st.floats(-2000, 2000)), min_size=6, max_size=6),
+    st.none() | st.builds(NewZone, st.tuples(st.floats(-3000, 3000), st.just(0.0)), st.just(50.0)),
+)
+def test_the_map_shows_all_agents(
+    size: tuple[int, int], places: list[tuple[float, float]], new: NewZone | None
+) -> None:
+    """And the zone that is being placed."""
     model = Model(PLAN)
     for agent, (north, east) in zip(PLAN.agents, places, strict=True):
         model.fold(state_of(PLAN, agent.id, 30.0, position_ned_m=(north, east, -10.0)), 30.0)
     view = model.view(30.0)
-    scale = fitted(view, *size)
-    for agent in view.agents:
-        for point in (position(agent), agent.target_m or position(agent)):
-            x, y = scale.dot(point)
-            assert -0.5 <= x <= 2 * size[0] + 0.5
-            assert -0.5 <= y <= 4 * size[1] + 0.5
+    scale = fitted(Picture(view, chosen=Chosen(new_zone=new)), *size)
+    points = [new.centre_m] if new else []
+    for shown in view.agents:
+        points += [position(shown), shown.target_m or position(shown)]
+    for point in points:
+        x, y = scale.dot(point)
+        assert -0.5 <= x <= 2 * size[0] + 0.5
+        assert -0.5 <= y <= 4 * size[1] + 0.5
+
+
+@given(
+    st.floats(1e-3, 1e3),
+    st.tuples(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4)),
+    st.integers(0, 79),
+    st.integers(0, 39),
+)
+def test_a_point_of_the_map_is_in_its_cell(
+    dots_per_m: float, middle: tuple[float, float], column: int, row: int
+) -> None:
+    """To half a stride; a stride is a round length of half a row to a row."""
+    scale = MapScale(dots_per_m, middle, 80, 40)
+    assert 0.4 - 1e-9 <= scale.stride_m * dots_per_m / 4 <= 1 + 1e-9
+    x, y = scale.dot(scale.point(column, row))
+    assert abs(x - (2 * column + 1)) <= scale.stride_m / 2 * dots_per_m + 1e-6
+    assert abs(y - (4 * row + 2)) <= scale.stride_m / 2 * dots_per_m + 1e-6
 
 
 @given(st.lists(st.floats(0, 1e9), max_size=60), st.integers(1, 30))

@@ -5,9 +5,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from swarm_ctl.core.model.plan import Point
 from swarm_ctl.station.picture.alarms import FOLLOWS, Alarm, Level
 from swarm_ctl.station.picture.journal import JournalLine
 from swarm_ctl.station.picture.view import SwarmView
+
+
+@dataclass(frozen=True, slots=True)
+class NewZone:
+    """A circle that the operator moves over the map, before it is ordered."""
+
+    centre_m: Point
+    radius_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +35,8 @@ class Chosen:
     """Only entries with these words."""
     log_level: Level = Level.WELL
     """Only entries at least this bad."""
+    new_zone: NewZone | None = None
+    """None: none is being placed."""
 
 
 @dataclass(frozen=True, slots=True)

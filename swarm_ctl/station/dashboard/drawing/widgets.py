@@ -10,6 +10,7 @@ from rich.cells import cell_len, set_cell_size
 from rich.console import Console
 from rich.segment import Segment
 from rich.style import Style
+from textual.events import Click
 from textual.geometry import Size
 from textual.message import Message
 from textual.renderables.sparkline import Sparkline
@@ -43,6 +44,13 @@ class Painted(ScrollView, OnGround, can_focus=False):
     class Sized(Message):
         """There is another room to draw in."""
 
+    class Clicked(Message):
+        """On a cell of the painted widget of this name."""
+
+        def __init__(self, name: str, column: int, row: int) -> None:
+            super().__init__()
+            self.name, self.column, self.row = name, column, row
+
     def __init__(self, name: str) -> None:
         super().__init__(id=name)
         self._strips: list[Strip] = []
@@ -68,6 +76,9 @@ class Painted(ScrollView, OnGround, can_focus=False):
     def on_resize(self) -> None:
         """What was drawn was for another room."""
         self.post_message(self.Sized())
+
+    def on_click(self, event: Click) -> None:
+        self.post_message(self.Clicked(str(self.id), event.x, event.y))
 
     def render_line(self, y: int) -> Strip:
         """One row of the widget, on the theme's own colours."""

@@ -25,6 +25,8 @@ from swarm_ctl.station.picture.link_quality import (
 KEYS: Final = """
 1 2 3 4 ? | screens: swarm, links, sigma, log, help; also tab, or a click
 ↑ ↓ space a | move the cursor, mark its agent, mark all or none: commands go to the marked ones
+Z | place a zone on the map: arrows (shift: further) or a click move it, + - size it, Enter
+  opens its order, Esc drops it
 s S | sort by the next column, reverse the order; or click a title
 v | links: what the matrix shows
 / w | log: filter by words, by level
@@ -37,7 +39,7 @@ mouse | a screen's name, a title of the table, an agent in the table or map, a k
 """
 SIGNS: Final = f"""
 map | number: agent, ○ slot to fill, dots: the agent's trail, circle: half of r_out (where two
-  touch, avoidance begins)
+  touch, avoidance begins); red outlines: fence and zones
 lines | neighbours; green well, yellow bad or nearly too long, red lost
 table | up: height; error: distance from its place in the shape; nearest: how near which agent is;
   age: of its last state; late: of its ticks, the p99. Dimmed: it ended, or follows another agent

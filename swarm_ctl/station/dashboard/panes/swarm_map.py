@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from swarm_ctl.core.model.geometry import mean_of
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Point
 from swarm_ctl.station.dashboard.drawing.canvas import Canvas
@@ -16,7 +17,7 @@ from swarm_ctl.station.dashboard.drawing.picture import Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import LEVEL_STYLE, SIGN, StyledLine
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.link_quality import mesh_judgements
-from swarm_ctl.station.picture.view import AgentView, SwarmView
+from swarm_ctl.station.picture.view import AgentView
 
 _STEP: Final = 1.25
 """The scale moves in steps of this factor, so that the picture stands still while agents fly."""
@@ -52,13 +53,25 @@ class MapScale:
         north, east = point[0] - self.middle[0], point[1] - self.middle[1]
         return self.width + self.dots_per_m * east, 2 * self.height - self.dots_per_m * north
 
+    def point(self, column: int, row: int) -> Point:
+        """(north, east) [m] of a cell's middle, to the metres of `stride_m`."""
+        north = self.middle[0] + (2 * self.height - 4 * row - 2) / self.dots_per_m
+        east = self.middle[1] + (2 * column + 1 - self.width) / self.dots_per_m
+        stride = self.stride_m
+        return round(north / stride) * stride + 0.0, round(east / stride) * stride + 0.0
+
+    @property
+    def stride_m(self) -> float:
+        """A round length (1, 2, 5, ...) of a row or less, for a cursor that moves over the map."""
+        return round_length(4 / self.dots_per_m)
+
 
 def map_lines(picture: Picture, width: int, height: int) -> list[StyledLine]:
     """`height` lines of `width` cells."""
     placed = {agent.id: agent for agent in picture.view.agents if agent.state is not None}
     if not placed or width < 8 or height < 3:
         return [StyledLine("  no positions yet: no map" if not placed else "", "dim")]
-    scale = fitted(picture.view, width, height)
+    scale = fitted(picture, width, height)
     drawing = _Drawing(Canvas(width, height), scale, picture, placed)
     drawing.zones()
     drawing.links()
@@ -66,25 +79,36 @@ def map_lines(picture: Picture, width: int, height: int) -> list[StyledLine]:
     drawing.trails()
     drawing.slots()
     drawing.agents()
+    drawing.new_zone()
     drawing.scale_bar()
     return drawing.canvas.lines()
 
 
-def fitted(view: SwarmView, width: int, height: int) -> MapScale:
-    """The largest scale with each agent's circle and slot on the canvas."""
+def round_length(most_m: float) -> float:
+    """The largest of 1, 2, 5, 10, ... [m] (or 0.5, 0.2, ...) that is no longer."""
+    unit = 10.0 ** math.floor(math.log10(most_m))
+    return max(k * unit for k in (1, 2, 5) if k * unit <= most_m)
+
+
+def fitted(picture: Picture, width: int, height: int) -> MapScale:
+    """The largest scale with each agent's circle and slot on the canvas, and the zone that is being
+    placed."""
+    view, new = picture.view, picture.chosen.new_zone
     margin = view.plan.law.r_out * view.plan.unit_m / 2
     points = [position(agent) for agent in view.agents if agent.state is not None]
     points += [agent.target_m for agent in view.agents if agent.target_m is not None]
+    if new is not None:
+        (north, east), r = new.centre_m, new.radius_m
+        points += [(north - r, east - r), (north + r, east + r)]
     array = np.array(points)
     low, high = array.min(axis=0) - margin, array.max(axis=0) + margin
-    north, east = np.maximum(high - low, 4 * margin).tolist()
-    most = min((4 * height - 2) / north, (2 * width - 2) / east)
+    tall, wide = np.maximum(high - low, 4 * margin).tolist()
+    most = min((4 * height - 2) / tall, (2 * width - 2) / wide)
     dots_per_m = _STEP ** math.floor(math.log(most, _STEP))
     grid = 8 / dots_per_m  # two rows: a drifting agent does not make the picture tremble
     middle = np.round((low + high) / 2 / grid) * grid
-    spare = (
-        np.array([(4 * height - 2) / dots_per_m - north, (2 * width - 2) / dots_per_m - east]) / 2
-    )
+    room = (4 * height - 2) / dots_per_m - tall, (2 * width - 2) / dots_per_m - wide
+    spare = np.array(room) / 2
     middle = np.clip(middle, (low + high) / 2 - spare, (low + high) / 2 + spare)
     return MapScale(dots_per_m, (float(middle[0]), float(middle[1])), width, height)
 
@@ -105,13 +129,16 @@ class _Drawing:
     """The agents with a position."""
 
     def zones(self) -> None:
-        """Their outlines, and the fence's."""
+        """Their outlines and names, and the fence's."""
         view, dot = self.picture.view, self.scale.dot
         plan, outlines = view.plan, [(zone.outline_m, "red") for zone in view.zones]
         outlines += [(plan.fence.polygon_m, "red dim")] if plan.fence else []
         for outline, name in outlines:
             for a, b in zip(outline, (*outline[1:], *outline[:1]), strict=True):
                 self.canvas.line(dot(a), dot(b), name, every=2.0)
+        for zone in view.zones:
+            x, y = dot(mean_of(zone.corners_m))
+            self.canvas.words(int(x // 2) - len(zone.name) // 2, int(y // 4), zone.name, "red")
 
     def links(self) -> None:
         levels = self._link_levels()
@@ -205,12 +232,18 @@ class _Drawing:
                 column, words = column + (width - 1) // 2, _DOT
             self.canvas.words(column, row, words, name, f"app.mark({agent.id})")
 
+    def new_zone(self) -> None:
+        """The one that is being placed, and its centre."""
+        new = self.picture.chosen.new_zone
+        if new is not None:
+            x, y = self.scale.dot(new.centre_m)
+            self.canvas.circle((x, y), new.radius_m * self.scale.dots_per_m, "bold red")
+            self.canvas.words(int(x // 2), int(y // 4), "+", "bold red reverse")
+
     def scale_bar(self) -> None:
         """A bar of a round length and where north is."""
         canvas, dots_per_m = self.canvas, self.scale.dots_per_m
-        room_m = min(20, canvas.width // 3) * 2 / dots_per_m
-        unit = 10.0 ** math.floor(math.log10(room_m))
-        length_m = max(k * unit for k in (1, 2, 5) if k * unit <= room_m)
+        length_m = round_length(min(20, canvas.width // 3) * 2 / dots_per_m)
         cells = max(2, round(length_m * dots_per_m / 2))
         canvas.words(1, canvas.height - 1, f"├{'─' * (cells - 2)}┤ {length_m:g} m", "dim")
         canvas.words(canvas.width - 3, 0, "N↑", "dim")

@@ -14,7 +14,7 @@ from swarm_ctl.station.dashboard.drawing.widgets import Painted
 from swarm_ctl.station.dashboard.panes.agent_table import AgentTable
 from swarm_ctl.station.dashboard.panes.log_pane import EntryLog, passes
 from swarm_ctl.station.dashboard.panes.pane import Pane
-from swarm_ctl.station.dashboard.panes.swarm_map import map_lines
+from swarm_ctl.station.dashboard.panes.swarm_map import MapScale, fitted, map_lines
 
 _WIDE: Final = 120
 """From this width on the map stands beside the table, not under it."""
@@ -43,6 +43,10 @@ class SwarmPane(Pane):
     @property
     def scroller(self) -> Widget:
         return self.query_one(AgentTable)
+
+    def map_scale(self, picture: Picture) -> MapScale:
+        """Of the map as it is drawn now."""
+        return fitted(picture, *self.query_one("#map", Painted).room)
 
     def draw(self, picture: Picture) -> None:
         self.query_one(AgentTable).draw(picture)
