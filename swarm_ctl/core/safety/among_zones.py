@@ -13,7 +13,7 @@ from swarm_ctl.core.kernel.walls import wall_margins_of
 from swarm_ctl.core.model.geometry import Point
 from swarm_ctl.core.model.plan import Plan, Response, Zone
 from swarm_ctl.core.model.planned_formation import PlannedFormation
-from swarm_ctl.core.safety.ways import WayMap, point_on
+from swarm_ctl.core.safety.ways import AROUND, BESIDE_M, WayMap, point_on
 
 _TOUCHES_M: Final = 0.02
 """A way round a zone may come so much nearer than a vehicle may stay: ways are rounded."""
@@ -24,6 +24,8 @@ _LONGER: Final = 1.5
 _STEP_M: Final = 1.0
 _GAP_M: Final = 0.1
 """How exactly the width of a gap is told."""
+_LEAST_M: Final = 0.02
+"""What is so narrow is no gap."""
 
 
 class AmongZones:
@@ -101,30 +103,55 @@ class AmongZones:
             return tuple(together), None
         return tuple(single), _open_m([before.centre_m, *single], wide)
 
-    def gap_m(self, a: Point, b: Point, radius_m: float) -> float:
-        """How wide the widest way is that leads from a to b, and is too narrow for a formation of
-        this radius; 0: there is none, for a single vehicle either."""
-        low, high = 0.0, radius_m
-        if self._map(self.zones, self._fence_m, low).shortest(a, b) is None:
+    def lacks_m(self, a: Point, b: Point, *, many: bool) -> float | None:
+        """How much wider the widest gap from a to b has to be for one vehicle, or for `many` in
+        file; 0: they have a way; None: there is no gap."""
+        high = _SPARE_M if many else 0.0
+        needed_m, low = (
+            high,
+            -max((self._keep_m(zone.clearance_m) for zone in self.zones), default=0),
+        )
+        if self._map(self.zones, self._fence_m, high).shortest(a, b) is not None:
             return 0.0
-        while high - low > 0.5 * _GAP_M:
+        if self._map(self.zones, self._fence_m, low).shortest(a, b) is None:
+            return None
+        while high - low > 0.25 * _GAP_M:
             middle = 0.5 * (low + high)
             if self._map(self.zones, self._fence_m, middle).shortest(a, b) is None:
                 high = middle
             else:
                 low = middle
-        return 2.0 * (low + self._keep_m(min(zone.clearance_m for zone in self.zones)))
+        return (1.0 + AROUND) * (needed_m - low)
 
-    def needed_m(self, radius_m: float) -> float:
-        """How wide a gap has to be for a formation of this radius."""
-        return 2.0 * (radius_m + self._keep_m(max(zone.clearance_m for zone in self.zones)))
+    def needed_m(self, *, many: bool) -> tuple[float, float]:
+        """How wide a gap has to be for one vehicle, or for `many` in file: between two zones, and
+        between a zone and the fence. Enough for all: no corner of a way is nearer to one side than
+        it has to be, and none is blocked by the other."""
+        spare = _SPARE_M if many else 0.0
+        keep = spare + self._keep_m(max(zone.clearance_m for zone in self.zones))
+        return (1.0 + AROUND) * keep + BESIDE_M, AROUND * keep + BESIDE_M + spare + self._keep_m(
+            0.0
+        )
+
+    def off_m(self, name: str, radius_m: float) -> float:
+        """How far from this zone the middle of a formation of this radius stays."""
+        return radius_m + self._keep_m(next(z.clearance_m for z in self.zones if z.name == name))
+
+    def roomy(self, name: str, at: Point, radius_m: float) -> bool:
+        """A formation of this radius may stand there, as far as this zone goes."""
+        zones = [zone for zone in self.zones if zone.name == name]
+        return bool(self._map(zones, (), radius_m).free(np.array([complex(*at)]))[0])
 
     def _map(self, zones: Iterable[Zone], fence_m: Sequence[Point], radius_m: float) -> WayMap:
         outlines = [
-            (zone.corners_m, zone.radius_m, radius_m + self._keep_m(zone.clearance_m))
+            (
+                zone.corners_m,
+                zone.radius_m,
+                max(_LEAST_M, radius_m + self._keep_m(zone.clearance_m)),
+            )
             for zone in zones
         ]
-        return WayMap(outlines, fence_m, radius_m + self._keep_m(0.0))
+        return WayMap(outlines, fence_m, max(_LEAST_M, radius_m + self._keep_m(0.0)))
 
     def _keep_m(self, clearance_m: float) -> float:
         """How far stop points stay from what has this clearance."""

@@ -25,6 +25,9 @@ Points: TypeAlias = NDArray[np.complex128]
 
 _ROUND: Final = 12
 """Nodes around a circle, and as dense around corners."""
+AROUND: Final = 1.0 / math.cos(math.pi / _ROUND)
+"""A node beside a corner is so much farther off than what is kept, by this factor."""
+BESIDE_M: Final = 0.05
 _LONGER: Final = 1.45
 """Two nodes beside a corner become one where the way there is not much longer: a right angle's."""
 _CORNER_M: Final = 10.0
@@ -43,7 +46,7 @@ class WayMap:
         fence: Sequence[Point] = (),
         off_m: float = 0.0,
         *,
-        beside_m: float = 0.05,
+        beside_m: float = BESIDE_M,
     ) -> None:
         self._zones = [_complex(corners) for corners, _, _ in outlines]
         self._fence = _complex(fence)
@@ -207,7 +210,7 @@ def _complex(points: Sequence[Point]) -> Points:
 def _around(corners: Points, reach: float, beside_m: float) -> Points:
     """Nodes around corners: on the polygon around the circle of what is kept, so that the line from
     one to the next keeps it as well."""
-    out = reach / math.cos(math.pi / _ROUND) + beside_m
+    out = reach * AROUND + beside_m
     ring = np.exp(2j * np.pi * np.arange(_ROUND) / _ROUND)
     nodes: Points = (corners[:, None] + out * ring[None, :]).ravel()
     return nodes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 from swarm_ctl.core.agent.return_to_launch import return_height_m
@@ -108,20 +109,42 @@ def _cut_ways(at: PlannedStep, place: Place) -> list[Mistake]:
         cut = among.cut(way)
         if not cut or ((step.file or not step.path) and among.leads(way)):
             continue
-        what = f"agent {agent.id} has no way past zone {cut} to {_point(way[-1])}"
-        allowed = "a wider gap, or another place"
         if step.way_m:
-            radius_m = before.radius_m
-            gap_m = among.gap_m(before.centre_m, step.way_m[-1], radius_m)
-            needed_m = among.needed_m(0.0)
-            widest = f"the widest gap is about {gap_m:.1f} m" if gap_m else "there is no gap"
-            what = f"there is no way past zone {cut}: {widest}, one vehicle needs {needed_m:.1f} m"
-            allowed = "a wider gap, or another way"
-            if gap_m and gap_m > needed_m:  # the gap is no hindrance, but one of the ends is
-                what = f"the way of the formation begins or ends too near to zone {cut}"
-                allowed = f"at least {0.5 * needed_m:.1f} m away"
-        return [Mistake(place, what, allowed)]
+            return [_hindered(at, place, among, cut)]
+        what = f"agent {agent.id} has no way past zone {cut} to {_point(way[-1])}"
+        return [Mistake(place, what, "a wider gap, or another place")]
     return []
+
+
+def _hindered(at: PlannedStep, place: Place, among: AmongZones, cut: str) -> Mistake:
+    """Why the formation has no way past a zone: the widest gap is too narrow, or the way begins or
+    ends where the formation has no room."""
+    centre_m, many = (at.before.centre_m, *at.step.way_m), len(at.group.agents) > 1
+    for a, b in itertools.pairwise(centre_m):
+        lacks_m = among.lacks_m(a, b, many=many)
+        if lacks_m == 0.0:
+            continue
+        whom = "vehicles in file" if many else "a vehicle"
+        what = f"there is no way past zone {cut}: "
+        narrow = f"the widest gap is {_up(lacks_m or 0.0)} m too narrow for {whom}"
+        what += "there is no gap" if lacks_m is None else narrow
+        two, one = map(_up, among.needed_m(many=many))
+        gap = f"a gap of {two} m between zones, {one} m between a zone and the fence"
+        return Mistake(place, what, f"{gap}; or another way")
+    radius_m = at.before.radius_m
+    near = [end for end in (centre_m[0], centre_m[-1]) if not among.roomy(cut, end, radius_m)]
+    if near:
+        does = "begins" if near[0] == centre_m[0] else "ends"
+        what = f"the way of the formation {does} too near to zone {cut}"
+        allowed = f"its centre at least {_up(among.off_m(cut, radius_m))} m away"
+        return Mistake(place, what, allowed)
+    what = f"the formation has no way past zone {cut} to {_point(centre_m[-1])}"
+    return Mistake(place, what, "a wider gap, or another place")
+
+
+def _up(length_m: float) -> str:
+    """To a tenth of a metre, rounded up."""
+    return f"{math.ceil(10.0 * length_m - 1e-6) / 10.0:.1f}"
 
 
 def _too_near(around: Surroundings, at: Point, low_m: float, high_m: float) -> NearWall | None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
+from swarm_ctl.errors import MissionError
 from swarm_ctl.mission.compile.loader import loads
 from swarm_ctl.mission.steps.table import kind_of
 from tests.unit.mission.example import TEXT, problems
@@ -142,8 +145,71 @@ def test_a_move_without_a_way_is_refused_with_the_gap_that_there_is() -> None:
     (problem,) = problems(gate(0.5))
     assert problem.field == "step 3, move"
     assert "there is no way past zone w" in problem.what
-    assert "there is no gap, one vehicle needs 3.5 m" in problem.what
-    assert problem.allowed == "a wider gap, or another way"
+    assert "the widest gap is 2.2 m too narrow for vehicles in file" in problem.what
+    assert problem.allowed.startswith("a gap of 4.7 m between zones, 3.4 m between a zone and")
+
+
+WALL = """\
+version: 1
+name: gate
+origin: {{lat_deg: -35.36, lon_deg: 149.16, alt_m: 584}}
+lengths: metres
+law: {{r: 22.5, r_out: 7.5, r_in: 2.5}}
+agents: {agents}
+shapes: {{row: {{kind: grid, spacing: 10, columns: 2}}}}
+zones:
+  west: {{polygon: [[64, -90], [70, -90], [70, 8], [64, 8]]}}
+  east: {{polygon: [[64, {east}], [70, {east}], [70, {ends}], [64, {ends}]]}}
+steps:
+  - takeoff: {{height_m: 8}}
+  - form: {{shape: row}}
+  - move: {{to: [130, 15], speed_mps: 3}}
+  - land
+fence: {{polygon: [[-30, -60], [230, -60], [230, 80], [-30, 80]]}}
+"""
+"""Agents before a wall with a gate."""
+
+
+def wall(agents: int, width_m: float, ends: float = 90) -> str:
+    entries = [f"{{id: {k + 1}, start: [0, {10 * k}]}}" for k in range(agents)]
+    return WALL.format(agents=f"[{', '.join(entries)}]", east=8 + width_m, ends=ends)
+
+
+def refusal(text: str) -> str:
+    try:
+        loads(text)
+    except MissionError as error:
+        return " ".join(f"{problem.what}; {problem.allowed}" for problem in error.problems)
+    return ""
+
+
+@pytest.mark.parametrize("width_m", [2.6, 3.51, 3.6, 4.0, 4.5, 4.6])
+@pytest.mark.parametrize("agents", [1, 4])
+def test_what_a_gap_is_said_to_lack_is_enough(width_m: float, agents: int) -> None:
+    """A gate of 3.51 m was said to be 3.5 m wide, and 3.5 m to be needed; one of 4 m, that the way
+    begins too near to it, 30 m away."""
+    said = refusal(wall(agents, width_m))
+    if agents == 1 and width_m > 3.65:
+        assert not said
+        return
+    told = re.search(r"widest gap is ([\d.]+) m too narrow .* a gap of ([\d.]+) m between", said)
+    assert told is not None
+    lacks_m, needed_m = map(float, told.groups())
+    assert not refusal(wall(agents, width_m + lacks_m))
+    assert not refusal(wall(agents, needed_m))
+    assert lacks_m == pytest.approx(needed_m - width_m, abs=0.2)
+
+
+def test_a_wall_without_a_gate_has_no_gap() -> None:
+    assert "there is no gap" in refusal(wall(4, 0.0))
+
+
+def test_in_file_all_fly_the_one_way() -> None:
+    """Past the end of the wall, 10 m from the fence: the shape as a whole, which is not flown
+    there, was said to leave the fence."""
+    step = steps_of(loads(wall(4, 3.0, ends=70)).plan)[2]
+    assert step.file is not None
+    assert max(east for _, east in step.way_m) < 80
 
 
 def test_a_move_that_begins_too_near_to_a_zone_is_no_matter_of_gaps() -> None:
@@ -151,7 +217,8 @@ def test_a_move_that_begins_too_near_to_a_zone_is_no_matter_of_gaps() -> None:
     zones = "zones:\n  oak: {circle: [0, 0], radius: 0.3}\n"
     start, _, move = problems(TEXT.replace(*WIDE) + zones)
     assert "starts in zone oak" in start.what
-    assert "begins or ends too near to zone oak" in move.what
+    assert "the way of the formation begins too near to zone oak" in move.what
+    assert move.allowed.startswith("its centre at least ")
 
 
 def test_zones_are_lengths_of_the_file() -> None:
