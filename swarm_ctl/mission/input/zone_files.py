@@ -403,7 +403,7 @@ def _plan(data: Any) -> Iterator[Callable[[], list[Area]]]:
     if not isinstance(fence, dict):
         raise _WrongError("", "has no geoFence", "a plan of QGroundControl")
     if fence.get("version") != 2:
-        what = f"geoFence has version {fence.get('version')!r}"
+        what = f"geoFence has version {_short(fence.get('version'))}"
         raise _WrongError("", what, "version 2: save it with QGroundControl again")
     for kind in ("polygons", "circles"):
         items = fence.get(kind, [])
@@ -506,13 +506,16 @@ def _coordinates(element: Xml.Element, where: str) -> list[tuple[float, float]]:
 
 def _parsed(text: str, where: str, what: str) -> float:
     try:
-        return _number(float(text), where, what)
+        value = float(text)
     except ValueError:
-        raise _WrongError(where, f"{what} is no number", "a plain number") from None
+        raise _WrongError(where, f"{what} is {_short(text)}, no number", "a plain number") from None
+    return _number(value, where, what)
 
 
 def _text(element: Xml.Element) -> str:
-    return "".join(element.itertext()).strip()
+    """Of SimpleData; of Data its value, which may stand beside a name to display."""
+    value = next((each for each in element if _tag(each) == "value"), element)
+    return "".join(value.itertext()).strip()
 
 
 def _tag(element: Xml.Element) -> str:

@@ -4,6 +4,7 @@ feature."""
 from __future__ import annotations
 
 import json
+import math
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -395,3 +396,39 @@ def test_whatever_a_file_has_is_read_or_refused(data: Any) -> None:
             zone_files._collected(kind(data))
         except zone_files._WrongError:
             continue
+
+
+SAMPLES = Path(__file__).parents[3] / "data" / "zone_files"
+"""Files of the form that other programs write."""
+READ: dict[str, tuple[set[tuple[str, int, float | None, float | None]], int]] = {
+    "qgroundcontrol.plan": ({("circle-1", 1, None, None), ("polygon-2", 3, None, None)}, 4),
+    "google_earth.kml": ({("Old-barn", 4, None, 12.5), ("Mast", 1, None, None)}, 0),
+    "qgis.kml": ({("wood", 3, 2.5, None), ("wood-2", 3, 2.5, None)}, 4),
+    "qgis.geojson": (
+        {("pond", 3, None, 30.0), ("pond-2", 3, None, 30.0), ("zone-3", 3, 4.0, None)},
+        4,
+    ),
+    "geojson_io.geojson": ({("zone-1", 3, None, None), ("well", 1, None, None)}, 0),
+}
+
+
+@pytest.mark.parametrize("name", READ)
+def test_what_other_programs_write_is_read(name: str, tmp_path: Path) -> None:
+    """Zones with corners and heights, and the fence's corners, where the file has one."""
+    zones, corners = READ[name]
+    drawn = mission(tmp_path, "").plan
+    plan = of_file(tmp_path, name, (SAMPLES / name).read_text()).plan
+    found = {(z.name, len(z.corners_m), z.floor_m, z.ceiling_m) for z in plan.zones}
+    assert found == zones
+    assert plan.fence is not None
+    assert (plan.fence == drawn.fence) is not bool(corners)
+    assert len(plan.fence.polygon_m) == corners or not corners
+    middle = plan.zones[0].corners_m[0]
+    assert 100 < math.hypot(*middle) < 600
+
+
+def test_lines_and_points_beside_polygons_are_refused_by_feature(tmp_path: Path) -> None:
+    with pytest.raises(MissionError) as caught:
+        of_file(tmp_path, "a.geojson", (SAMPLES / "geojson_io_lines.geojson").read_text())
+    said = [(problem.where.rpartition(": ")[2], problem.what) for problem in caught.value.problems]
+    assert said == [("feature 2", "is a LineString"), ("feature 3", "is a point without radius")]
