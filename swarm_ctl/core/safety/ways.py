@@ -210,7 +210,7 @@ def _complex(points: Sequence[Point]) -> Points:
 def _around(corners: Points, reach: float, beside_m: float) -> Points:
     """Nodes around corners: on the polygon around the circle of what is kept, so that the line from
     one to the next keeps it as well."""
-    out = reach * AROUND + beside_m
+    out = reach / math.cos(math.pi / _ROUND) + beside_m
     ring = np.exp(2j * np.pi * np.arange(_ROUND) / _ROUND)
     nodes: Points = (corners[:, None] + out * ring[None, :]).ravel()
     return nodes
