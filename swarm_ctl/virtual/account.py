@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from pydantic import TypeAdapter
 
-from swarm_ctl.core.model.messages import AgentStatus, Event, Outcome, Payload
+from swarm_ctl.core.model.messages import AgentStatus, Command, Event, Outcome, Payload
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
@@ -19,7 +19,7 @@ from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.report.folder.files import Damage
 from swarm_ctl.report.folder.last_statuses import FINAL, last_statuses, of_processes
 from swarm_ctl.report.folder.manifest import Manifest, package_versions, write_manifest
-from swarm_ctl.report.folder.run_folder import RunFolder, flown
+from swarm_ctl.report.folder.run_folder import RunFolder, flown, zone_spells
 from swarm_ctl.report.folder.truth import TRUTH, Truth, truth_line, truth_of
 from swarm_ctl.report.judge.summarise import summarise, summary_of
 from swarm_ctl.report.judge.summary import Summary, write_summary
@@ -77,6 +77,7 @@ class Account:
         self.statuses: list[AgentStatus] = []
         self.finals: dict[int, AgentStatus] = {}
         self.events: list[Event] = []
+        self._commands: list[Command] = []
         self._trace = _Trace()
         self._node: Node | None = None
         self._recorder: RunRecorder | None = None
@@ -132,6 +133,8 @@ class Account:
 
     def sent(self, payload: Payload, now: float) -> None:
         """What the station itself said."""
+        if isinstance(payload, Command):
+            self._commands.append(payload)
         if self._recorder is not None:
             self._recorder.take(payload, now)
 
@@ -182,6 +185,7 @@ class Account:
             agents=ids,
             last=last,
             notes=notes,
+            zones=zone_spells(plan, self._commands),
         )
 
     def _final_of(self, notes: list[str]) -> Any:

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from swarm_ctl.core.law.formation import errors
 from swarm_ctl.core.model.vehicle import OVER_M
+from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.report.folder.flight import CLOCK_S, Flight, TrackSource
 from swarm_ctl.report.folder.truth import Floats
 
@@ -56,6 +57,29 @@ def approaches(flight: Flight) -> Iterator[Approach]:
                 time_s = flight.time_s[k] + share[k, m] * (flight.time_s[k + 1] - flight.time_s[k])
                 doubt_m = flight.doubt_m[k : k + 2, [i, j]].max(axis=0).sum()
                 yield Approach((i, j), float(near[k, m]), float(time_s), float(doubt_m))
+
+
+def zone_distance(points_m: Floats, zone: Zone) -> Floats:
+    """How far each of the points (T, 2) is from a zone, horizontally [m], (T,); 0 in it, nan where
+    the point is not known."""
+    corners = np.array(zone.corners_m)
+    if len(corners) == 1:
+        away = np.linalg.norm(points_m - corners[0], axis=-1)
+        return np.asarray(np.maximum(away - zone.radius_m, 0.0))
+    found = np.full(len(points_m), np.inf)
+    inside = np.zeros(len(points_m), dtype=np.bool_)
+    north, east = points_m.T
+    for (a_n, a_e), (b_n, b_e) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        way_n, way_e = b_n - a_n, b_e - a_e
+        square = max(way_n * way_n + way_e * way_e, 1e-12)
+        share = np.clip(((north - a_n) * way_n + (east - a_e) * way_e) / square, 0.0, 1.0)
+        away = np.hypot(north - a_n - share * way_n, east - a_e - share * way_e)
+        found = np.minimum(found, away)
+        if way_e:
+            beyond = north < a_n + (east - a_e) / way_e * way_n
+            inside ^= ((a_e > east) != (b_e > east)) & beyond
+    found[inside] = 0.0
+    return found
 
 
 def formation_error(flight: Flight, slots_m: npt.ArrayLike) -> Floats:

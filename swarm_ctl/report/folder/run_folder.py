@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from swarm_ctl.core.model.messages import AgentStatus, StepOutcome
+from swarm_ctl.core.model.messages import AgentStatus, Command, StepOutcome
 from swarm_ctl.core.model.plan import GroupPlan, Plan
 from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.swarm.in_plan import InPlan
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording.mcap_reader import RECORDING
 from swarm_ctl.recording.mcap_records import RecordingDamage
 from swarm_ctl.report.folder.flight import Flight, flight_of
-from swarm_ctl.report.folder.last_statuses import LastStatus, read_last_statuses
+from swarm_ctl.report.folder.last_statuses import (
+    COMMANDS,
+    LastStatus,
+    read_commands,
+    read_last_statuses,
+)
 from swarm_ctl.report.folder.manifest import Manifest, read_manifest
 from swarm_ctl.report.folder.tracks import Track, read_tracks
 from swarm_ctl.report.folder.truth import TRUTH, Floats, Truth, load_truth
@@ -76,6 +83,31 @@ class FlownGroup:
         return min([*planned, *broken], default=math.inf)
 
 
+class ZoneSpell(NamedTuple):
+    """A zone while it was in force [mission s]."""
+
+    zone: Zone
+    from_s: float
+    """-inf: it is of the mission."""
+    until_s: float
+
+
+def zone_spells(plan: Plan, commands: Iterable[Command]) -> tuple[ZoneSpell, ...]:
+    """All zones of a flight, the mission's own first. `commands`: those that a station sent; an
+    update is sent when all agents have taken it in."""
+    begun = dict.fromkeys(plan.zones, -math.inf)
+    over = list[ZoneSpell]()
+    updates = [c.tuning for c in commands if c.commits and c.tuning is not None]
+    for update in sorted(updates, key=lambda update: update.at_s):
+        zones = plan.zones if update.zones is None else update.zones
+        for zone in [zone for zone in begun if zone not in zones]:
+            over.append(ZoneSpell(zone, begun.pop(zone), update.at_s))
+        for zone in zones:
+            begun.setdefault(zone, update.at_s)
+    last = (ZoneSpell(zone, from_s, math.inf) for zone, from_s in begun.items())
+    return tuple(sorted((*over, *last), key=lambda spell: spell.from_s))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RunFolder:
     """What the folder has; `notes` says what is missing or torn."""
@@ -91,6 +123,8 @@ class RunFolder:
     last: dict[int, LastStatus]
     """By agent; without an entry nothing is known of the agent."""
     notes: list[str]
+    zones: tuple[ZoneSpell, ...] = ()
+    """The mission's, and those that were added in flight."""
 
     @property
     def plan(self) -> Plan | None:
@@ -138,7 +172,15 @@ def read_run(folder: Path, killed: Collection[int] = ()) -> RunFolder:
         agents=planned or tuple(last),
         last=last,
         notes=notes,
+        zones=zone_spells(manifest.plan, _commands(folder, notes)) if manifest else (),
     )
+
+
+def _commands(folder: Path, notes: list[str]) -> list[Command]:
+    """None where no station has kept any, which is no fault."""
+    if not (folder / COMMANDS).exists():
+        return []
+    return [each for each in read_commands(folder, notes) if isinstance(each, Command)]
 
 
 def _manifest(folder: Path, notes: list[str]) -> Manifest | None:

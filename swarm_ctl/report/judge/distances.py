@@ -1,13 +1,17 @@
-"""How close each pair of agents' vehicles came, and who says so."""
+"""How close each pair of agents' vehicles came, and each vehicle to zones, and who says so."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
 from swarm_ctl.report.folder.flight import TrackSource
-from swarm_ctl.report.folder.metrics import Approach, approaches
-from swarm_ctl.report.folder.run_folder import RunFolder
+from swarm_ctl.report.folder.metrics import Approach, approaches, zone_distance
+from swarm_ctl.report.folder.run_folder import RunFolder, ZoneSpell
 
 _STRAIGHT_M: Final = 0.05
 """The simulator knows its vehicles' ways between two lines of truth, which are not straight: at
@@ -50,3 +54,47 @@ def _pair(run: RunFolder, found: Approach) -> PairDistance:
         if told_m is not None and distance_m > told_m - _STRAIGHT_M:
             distance_m, time_s = told_m, run.truth.minima_s[pair]
     return PairDistance((a, b), distance_m, time_s, 0.0, TrackSource.TRUTH)
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneDistance:
+    """One vehicle in the air at its closest to one zone, at the zone's heights."""
+
+    agent: int
+    zone: str
+    distance_m: float
+    """Horizontal, at the moments that are known; 0: it was in it."""
+    time_s: float
+    """The first moment of all at this distance."""
+    point_ned_m: tuple[float, float, float]
+    source: TrackSource
+
+
+def zone_distances(run: RunFolder) -> list[ZoneDistance]:
+    """Each agent that was at the heights of a zone while this was in force, the closest first. One
+    that was in it when it came counts once it has left."""
+    found = (
+        _to_zone(run, k, agent, spell) for spell in run.zones for k, agent in enumerate(run.agents)
+    )
+    return sorted((each for one in found for each in one), key=lambda each: each.distance_m)
+
+
+def _to_zone(run: RunFolder, k: int, agent: int, spell: ZoneSpell) -> Iterator[ZoneDistance]:
+    flight, zone = run.flight, spell.zone
+    if flight is None:
+        return
+    time_s, high_m = flight.time_s, -flight.position_ned_m[:, k, 2]
+    low, high = zone.floor_m or -math.inf, zone.ceiling_m or math.inf
+    counts = flight.airborne[:, k] & (time_s >= spell.from_s) & (time_s < spell.until_s)
+    counts &= (high_m >= low) & (high_m <= high) & np.isfinite(flight.points_m[:, k, 0])
+    away = np.full(len(time_s), np.inf)
+    away[counts] = zone_distance(flight.points_m[counts, k], zone)
+    if math.isfinite(spell.from_s):
+        since = int(np.searchsorted(time_s, spell.from_s))
+        out = np.flatnonzero(away[since:] > 0.0)
+        away[: since + int(out[0]) if len(out) else None] = np.inf
+    at = int(away.argmin()) if len(away) else 0
+    if len(away) and math.isfinite(away[at]):
+        n, e, d = flight.position_ned_m[at, k].tolist()
+        told = flight.sources[k]
+        yield ZoneDistance(agent, zone.name, float(away[at]), float(time_s[at]), (n, e, d), told)

@@ -1,5 +1,5 @@
 """What makes a run failed whatever its agents say: collisions, falls, vehicles that came too close,
-came down where or when they should not, or did not come down."""
+were in a zone, came down where or when they should not, or did not come down."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from swarm_ctl.core.model.vehicle import FALLS_MPS, MISPLACED_M
 from swarm_ctl.report.folder.flight import Flight, TrackSource
 from swarm_ctl.report.folder.run_folder import RunFolder
 from swarm_ctl.report.folder.truth import Bools, EventKind, Truth, TruthEvent
-from swarm_ctl.report.judge.distances import PairDistance
+from swarm_ctl.report.judge.distances import PairDistance, ZoneDistance
 
 HARD_MPS: Final = 3.0
 """A touch-down that breaks a vehicle; autopilots land with 0.5 to 1 m/s."""
@@ -37,6 +37,7 @@ class FindingKind(StrEnum):
     COLLISION = "collision"
     TOO_CLOSE = "too close"
     """A pair under r_in."""
+    ZONE = "in a zone"
     DISARMED = "disarmed in the air"
     FALL = "fall"
     EARLY = "down before its landing"
@@ -54,14 +55,17 @@ class Finding:
     text: str
 
 
-def find(run: RunFolder, pairs: Iterable[PairDistance]) -> list[Finding]:
-    """All findings of a run, the earliest first; `pairs` are all distances."""
+def find(
+    run: RunFolder, pairs: Iterable[PairDistance], zones: Iterable[ZoneDistance]
+) -> list[Finding]:
+    """All findings of a run, the earliest first; `pairs` and `zones` are all distances."""
     flight, plan = run.flight, run.plan
     if flight is None or plan is None:
         return []
     found = list(_collisions(run))
     collided = {finding.agents for finding in found}
     found += _too_close(plan, (pair for pair in pairs if pair.agents not in collided))
+    found += _in_zones(zones)
     for k, agent in enumerate(run.agents):
         events = _events(run, agent)
         limit_mps = max(FALLS_MPS, 2.0 * plan.limits.descent_mps)
@@ -141,8 +145,17 @@ def _too_close(plan: Plan, pairs: Iterable[PairDistance]) -> Iterator[Finding]:
             yield Finding(FindingKind.TOO_CLOSE, pair.time_s, pair.agents, text)
 
 
-def _by(source: TrackSource) -> str:
-    return " by their own estimates" if source is TrackSource.ESTIMATES else ""
+def _by(source: TrackSource, whose: str = "their") -> str:
+    return f" by {whose} own estimates" if source is TrackSource.ESTIMATES else ""
+
+
+def _in_zones(zones: Iterable[ZoneDistance]) -> Iterator[Finding]:
+    for near in zones:
+        if near.distance_m == 0.0:
+            north, east, down = near.point_ned_m
+            at = f"at ({north:.1f}, {east:.1f}), {-down:.1f} m high{_by(near.source, 'its')}"
+            text = f"{_vehicle(near.agent)} was in zone {near.zone} at {near.time_s:.1f} s, {at}"
+            yield Finding(FindingKind.ZONE, near.time_s, (near.agent,), text)
 
 
 # --- one vehicle ---

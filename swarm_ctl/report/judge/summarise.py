@@ -22,7 +22,12 @@ from swarm_ctl.report.folder.last_statuses import read_events, read_troubles
 from swarm_ctl.report.folder.manifest import Manifest
 from swarm_ctl.report.folder.run_folder import FlownGroup, RunFolder, read_run
 from swarm_ctl.report.folder.truth import Floats, Truth
-from swarm_ctl.report.judge.distances import PairDistance, pair_distances
+from swarm_ctl.report.judge.distances import (
+    PairDistance,
+    ZoneDistance,
+    pair_distances,
+    zone_distances,
+)
 from swarm_ctl.report.judge.doubts import doubts
 from swarm_ctl.report.judge.findings import find, headlines
 from swarm_ctl.report.judge.summary import (
@@ -36,6 +41,7 @@ from swarm_ctl.report.judge.summary import (
     StepVerdict,
     Summary,
     TruthSummary,
+    ZoneSummary,
 )
 from swarm_ctl.report.judge.unseen import slow_machine
 from swarm_ctl.report.judge.verdict import Ending, judge
@@ -100,7 +106,8 @@ def summary_of(
     last_s = [s.time_s for s in statuses] + [event.time_s for event in events]
     last_s += [truth.last_s] if truth and truth.last_s is not None else []
     pairs = pair_distances(run)
-    findings = find(run, pairs)
+    zones = zone_distances(run)
+    findings = find(run, pairs, zones)
     headings = headlines(run, findings)
     outcome, reason, cause = judge(run, exit_codes or {}, headings, ending)
     steps = _steps(run)
@@ -113,6 +120,7 @@ def summary_of(
         **_of_manifest(run.manifest),
         **_flown(run),
         **_closest(run, pairs),
+        nearest_zone=_nearest_zone(zones),
         outcome=outcome,
         reason=reason,
         cause=cause,
@@ -315,6 +323,16 @@ def _closest(run: RunFolder, pairs: Sequence[PairDistance]) -> dict[str, Any]:
         # without a manifest no agent is known
         found["min_true_distance_m"] = found["min_distance_m"] = min(run.truth.minima.values())
     return found
+
+
+def _nearest_zone(zones: Sequence[ZoneDistance]) -> ZoneSummary | None:
+    """`zones` have the closest first."""
+    if not zones:
+        return None
+    near = zones[0]
+    return ZoneSummary(
+        zone=near.zone, agent=near.agent, distance_m=near.distance_m, time_s=near.time_s
+    )
 
 
 # --- agents, links, truth ---

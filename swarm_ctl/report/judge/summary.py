@@ -136,6 +136,17 @@ class FindingSummary(_SummaryPart):
     text: str
 
 
+class ZoneSummary(_SummaryPart):
+    """How close a vehicle came to a zone at whose heights it was."""
+
+    zone: str
+    agent: int
+    distance_m: float
+    """Horizontal; 0: it was in it."""
+    time_s: float
+    """Mission time."""
+
+
 class TruthSummary(_SummaryPart):
     """What the simulator's truth file holds."""
 
@@ -209,6 +220,8 @@ class Summary(_SummaryPart):
     without a truth."""
     min_true_pair: AgentPair | None
     r_in_m: float | None
+    nearest_zone: ZoneSummary | None = None
+    """The closest of all vehicles and zones; null without zones."""
     longest_link_m: float | None
     """Greatest horizontal distance of a planned neighbour pair, from the first form step to the
     landing."""

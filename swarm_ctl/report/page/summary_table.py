@@ -40,7 +40,7 @@ def render_summary(summary: Summary) -> RenderableType:
 def brief(summary: Summary) -> Group:
     """What the terminal shows at the end of a flight; the report has the rest.
 
-    A completed flight: at most seven lines of 80 columns. Another one begins with its cause, said
+    A completed flight: at most eight lines of 80 columns. Another one begins with its cause, said
     once, and goes on with what was not done and which bounds were broken. Of one that was ended
     before it took off all else follows from that: its processes were stopped at once.
     """
@@ -245,6 +245,10 @@ def _nearest(s: Summary) -> Iterator[tuple[str, str, bool]]:
     name = "smallest distance" if estimated else "smallest true distance"
     doubt = f" ± {s.min_distance_doubt_m:.2f} m" if s.min_distance_doubt_m else ""
     yield name, _distance(near_m, pair, "r_in", s.r_in_m, kept, doubt), kept
+    if s.nearest_zone is not None:
+        zone = s.nearest_zone
+        near = f"{zone.distance_m:.2f} m (agent {zone.agent}, zone {printable(zone.zone)})"
+        yield "nearest zone", near, zone.distance_m > 0.0
     if estimated:
         yield "judged", _judged_by(s), True
 

@@ -17,6 +17,7 @@ import pytest
 from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.core.model.messages import (
     AgentStatus,
+    Command,
     Event,
     LinkReport,
     Outcome,
@@ -165,7 +166,7 @@ def write_status(folder: Path, status: AgentStatus) -> None:
     (folder / "agents" / f"{status.agent}.json").write_text(json.dumps(asdict(status)))
 
 
-def write_lines(path: Path, *values: AgentStatus | Event) -> None:
+def write_lines(path: Path, *values: AgentStatus | Command | Event) -> None:
     """A `.jsonl` file, as the station writes it."""
     path.write_text("".join(json.dumps(asdict(value)) + "\n" for value in values))
 

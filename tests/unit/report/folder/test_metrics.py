@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from swarm_ctl.core.law import formation
+from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.report.folder.files import Damage
 from swarm_ctl.report.folder.flight import Flight, TrackSource, flight_of
 from swarm_ctl.report.folder.metrics import (
@@ -17,6 +18,7 @@ from swarm_ctl.report.folder.metrics import (
     last_number,
     longest_link,
     time_to_settle,
+    zone_distance,
 )
 from swarm_ctl.report.folder.truth import Bools, Floats, Truth
 
@@ -191,3 +193,35 @@ def test_where_a_vehicle_is_not_known_there_is_no_approach() -> None:
 def test_last_number() -> None:
     assert last_number(np.array([1.0, 2.0, np.nan])) == 2.0
     assert last_number(np.array([np.nan])) is None
+
+
+corners = st.lists(st.tuples(metres, metres), min_size=3, max_size=9).map(tuple)
+zones = st.builds(Zone, st.just("z"), corners, st.just(0.0), st.just(1.0)) | st.builds(
+    Zone, st.just("z"), st.tuples(st.tuples(metres, metres)), st.floats(0.1, 200.0), st.just(1.0)
+)
+
+
+@given(zones, hnp.arrays(np.float64, (5, 2), elements=metres))
+def test_the_distance_to_a_zone_is_that_to_its_outline_and_zero_inside(
+    zone: Zone, points: Floats
+) -> None:
+    """By the zone's own word on what is inside, and by many points of its outline."""
+    found = zone_distance(points, zone)
+    outline = np.array([*zone.corners_m, zone.corners_m[0]])
+    share = np.linspace(0.0, 1.0, 400)[:, None, None]
+    many = (outline[:-1] + share * np.diff(outline, axis=0)).reshape(-1, 2)
+    spaced = np.linalg.norm(np.diff(outline, axis=0), axis=-1).max() / 399
+    for point, away in zip(points, found, strict=True):
+        beside = np.linalg.norm(many - point, axis=-1).min()
+        if zone.radius_m:
+            assert away == pytest.approx(max(0.0, beside - zone.radius_m), abs=1e-9)
+        elif beside > 1e-6:
+            assert (away == 0.0) == zone.contains((point[0], point[1]))
+            if away:
+                assert away <= beside + 1e-9
+                assert away >= beside - spaced
+
+
+def test_a_place_that_is_not_known_is_no_distance() -> None:
+    zone = Zone("z", ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0)), 0.0, 1.0)
+    assert np.isnan(zone_distance(np.array([[np.nan, np.nan]]), zone)).all()

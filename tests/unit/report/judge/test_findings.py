@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,9 +14,11 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.core.model.messages import AgentState, Outcome, Phase
+from swarm_ctl.core.model.messages import AgentState, Command, CommandKind, Outcome, Phase, Tuning
 from swarm_ctl.core.model.steps.return_ import ReturnStep
 from swarm_ctl.core.model.vehicle import OVER_M
+from swarm_ctl.core.model.zones import Zone
+from swarm_ctl.core.swarm.gain_update import planned
 from swarm_ctl.recording.mcap_recorder import McapRecorder
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.report.folder.flight import TrackSource
@@ -27,6 +30,7 @@ from tests.unit.plans import steps_of, with_group
 from tests.unit.report.run_folders import (
     END,
     EXIT_CODES,
+    FORMED,
     LAND,
     LIFTOFF,
     PLAN,
@@ -75,7 +79,66 @@ def _same(line: Line) -> Line:
     return line
 
 
+def _zoned(run: Path, *zones: Zone, commands: tuple[Command, ...] = ()) -> Summary:
+    """The summary of the run, its mission with these zones."""
+    write_manifest(run, manifest(replace(PLAN, zones=zones)))
+    write_lines(run / "commands.jsonl", *commands)
+    return summarise(run, EXIT_CODES)
+
+
+def _holds_from(at_s: float, *zones: Zone) -> Command:
+    """The order that commits an update of the zones."""
+    tuning = Tuning(planned(PLAN), at_s, zones=zones)
+    return Command(f"zones-{at_s:g}", CommandKind.APPLY, (), at_s - 2.0, tuning=tuning, commits=7)
+
+
 # --- by the truth ---
+
+
+SLOT_3_M = position(3, FORMED)[:2]
+NEAR_3 = Zone("oak", (SLOT_3_M,), 2.0, 1.0)
+"""Agent 3 flies into it, and stands there."""
+BESIDE_3 = Zone("elm", ((SLOT_3_M[0] + 5.0, SLOT_3_M[1]),), 2.0, 1.0)
+
+
+def test_a_vehicle_in_a_zone_is_a_failure(run: Path) -> None:
+    """With the moment and the place at which it went in; beside it is none, and is told."""
+    found = _zoned(run, BESIDE_3, NEAR_3)
+    assert (found.outcome, found.cause) == ("failed", "finding")
+    told = re.fullmatch(
+        r"the vehicle of agent 3 was in zone oak at (\d+\.\d) s, at \((.*), (.*)\), 10.0 m high,"
+        r" in step 2 \(form hexagon\)",
+        found.reason,
+    )
+    assert told is not None, found.reason
+    time_s, north, east = map(float, told.groups())
+    assert (north, east) == pytest.approx(position(3, time_s)[:2], abs=0.06)
+    assert math.dist((north, east), SLOT_3_M) < 2.1
+    assert math.dist(position(3, time_s - 0.1)[:2], SLOT_3_M) >= 2.0
+    well = _zoned(run, BESIDE_3)
+    assert well.outcome == "completed"
+    assert well.nearest_zone is not None
+    assert (well.nearest_zone.agent, well.nearest_zone.zone) == (3, "elm")
+    flown = [position(3, k / 10)[:2] for k in range(int(10 * LIFTOFF), int(10 * TOUCHDOWN))]
+    nearest_m = min(math.dist(at, BESIDE_3.corners_m[0]) for at in flown) - 2.0
+    assert well.nearest_zone.distance_m == pytest.approx(nearest_m)
+
+
+@pytest.mark.parametrize("heights", [{"floor_m": 12.0}, {"ceiling_m": 8.0}], ids=["below", "above"])
+def test_a_vehicle_below_or_above_a_zone_is_in_none(run: Path, heights: dict[str, float]) -> None:
+    found = _zoned(run, replace(NEAR_3, **heights))
+    assert (found.outcome, found.nearest_zone) == ("completed", None)
+
+
+def test_a_zone_counts_while_it_is_in_force(run: Path) -> None:
+    """Agent 3 is in it from 31 s on. Added before that, it counts; lifted before that, it does
+    not; added over the vehicle, it counts when that comes back, which it does not."""
+    assert _zoned(run, commands=(_holds_from(25.0, NEAR_3),)).outcome == "failed"
+    assert _zoned(run, NEAR_3, commands=(_holds_from(25.0),)).outcome == "completed"
+    over = _zoned(run, commands=(_holds_from(40.0, NEAR_3),))
+    assert over.outcome == "completed"
+    assert over.nearest_zone is not None
+    assert over.nearest_zone.agent != 3
 
 
 def test_a_collision_comes_first_with_pair_time_distance_and_step(run: Path) -> None:

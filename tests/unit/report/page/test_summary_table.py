@@ -117,7 +117,7 @@ def test_a_completed_flight_is_told_in_eight_lines_with_the_reports(
         }
     )
     lines = _brief(busy, width).splitlines()
-    assert len(lines) <= 7
+    assert len(lines) <= 8
     assert "another" not in "".join(lines)
     assert "(and 2 more: see the report)" in " ".join(" ".join(lines).split())
     assert "longest link" not in "".join(lines)
