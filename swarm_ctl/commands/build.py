@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import math
 import uuid
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -36,6 +36,7 @@ from swarm_ctl.errors import InputError
 _TOLERANCE_M: Final = 0.5
 _SETTLE_S: Final = 5.0
 _NO_END_S: Final = 1e9
+_AGREE: Final = "in a moment they may agree; `zone plan` gives all of them the mission's own"
 _ONE_CLOCK_S: Final = 1.0
 """Clocks that are less apart are told as one: a command may be 15 s old."""
 
@@ -81,7 +82,8 @@ class SwarmNow:
         """In force, by the agents that fly; InputError where they have different ones."""
         found = {agent.zones for agent in self.agents if agent.flies and agent.gains is not None}
         if len(found) > 1:
-            raise InputError("agents have different zones; nothing was sent")
+            unlike = f"agents have different zones ({_zones_of(self)})"
+            raise InputError(f"{unlike}; nothing was sent: {_AGREE}")
         told = next(iter(found), None)
         return self.plan.zones if told is None else told
 
@@ -118,6 +120,23 @@ class SwarmNow:
         if silent:
             raise InputError(f"{kind}: agent {', '.join(silent)} is not heard; nothing was sent")
         return found
+
+
+def _zones_of(swarm: SwarmNow) -> str:
+    """`agents 1, 3: oak, pond; agent 2: as planned`."""
+    found: dict[tuple[Zone, ...] | None, list[int]] = {}
+    for agent in swarm.agents:
+        if agent.flies and agent.gains is not None:
+            found.setdefault(agent.zones, []).append(agent.id)
+    return "; ".join(
+        f"{agents_named(ids)}: {'as planned' if zones is None else listed(zones)}"
+        for zones, ids in found.items()
+    )
+
+
+def listed(zones: Iterable[Zone]) -> str:
+    """Their names."""
+    return ", ".join(zone.name for zone in zones) or "none"
 
 
 def build(order: Order, swarm: SwarmNow) -> Command:
@@ -274,7 +293,8 @@ def _tune(order: Order, swarm: SwarmNow) -> tuple[tuple[int, ...], Tuning]:
     if not asked:
         raise InputError(f"{order.kind}: no agent flies any more; nothing was sent")
     laws = {agent.gains for agent in asked if agent.gains is not None}
-    if order.kind == CommandKind.ZONE and len(laws) != 1:
+    resets = order.kind == CommandKind.ZONE and order.arguments == ("plan",)
+    if order.kind == CommandKind.ZONE and len(laws) != 1 and not resets:
         what = "agents fly different laws; `tune` them first" if laws else "no agent tells its law"
         raise InputError(f"zone: {what}; nothing was sent")
     names = set(limits(plan))
@@ -289,9 +309,11 @@ def _tune(order: Order, swarm: SwarmNow) -> tuple[tuple[int, ...], Tuning]:
         raise InputError(
             f"tune: {what}; name all of {', '.join(sorted(names))}, or say `tune plan`"
         )
-    gains, zones = next(iter(laws), planned(plan)), swarm.zones
+    same = len(laws) == 1
+    gains = next(iter(laws)) if same else planned(plan)
+    zones = plan.zones if resets else swarm.zones
     if order.arguments == ("list",):
-        raise InputError(f"zones: {', '.join(zone.name for zone in zones) or 'none'}")
+        raise InputError(f"zones: {listed(zones)}")
     if order.kind == CommandKind.ZONE:
         zones = rezoned(order.arguments, zones, plan)
     else:

@@ -52,7 +52,7 @@ _TUNE_DOES: Final = "change the law of all agents at one time"
 _ZONE_DOES: Final = "a zone [m] that no vehicle enters: for all agents at one time"
 ZONE_USAGE: Final = (
     "zone add NAME circle N E R, zone add NAME polygon N E N E N E ..., both with floor=M,"
-    " ceiling=M and clearance=M as wanted, or zone lift NAME, in metres"
+    " ceiling=M and clearance=M as wanted, or zone lift NAME, in metres; zone list; zone plan"
 )
 _LANDS: Final = ("it lands where it is", "they land where they are")
 _RETURNS: Final = ("it flies home and lands", "they fly home, all at once, and land")
@@ -195,6 +195,8 @@ def rezoned(
     """
     if not known and [*words] == ["list"]:
         return zones
+    if [*words] == ["plan"]:
+        return plan.zones
     verb, name, *rest = (*words, "", "")[: max(2, len(words))]
     names = [zone.name for zone in zones]
     if verb == "lift" and name and not rest:
@@ -202,6 +204,8 @@ def rezoned(
             raise InputError(f"there is no zone {name}; allowed: {', '.join(names) or 'none'}")
         return tuple(zone for zone in zones if zone.name != name)
     options = dict(word.split("=", 1) for word in rest if "=" in word)
+    if len(options) < sum("=" in word for word in rest):
+        raise InputError(f"zone {name}: a number is given twice; usage: {ZONE_USAGE}")
     shape, *numbers = [word for word in rest if "=" not in word] or [""]
     values = [_number(word) for word in numbers]
     heights = {key: _number(value) for key, value in options.items()}
@@ -235,7 +239,7 @@ def rezoned(
 def zone_words(named: Sequence[str], plan: Plan) -> list[str]:
     """The words that may follow."""
     if not named:
-        return ["add ", "lift ", "list"]
+        return ["add ", "lift ", "list", "plan"]
     if named[0] == "lift" and len(named) == 1:
         return [zone.name for zone in plan.zones]
     return ["circle ", "polygon "] if named[0] == "add" and len(named) == 2 else []

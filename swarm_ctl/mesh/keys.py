@@ -17,6 +17,7 @@ from swarm_ctl.core.model.messages import (
     ClockNews,
     Command,
     Event,
+    LawNews,
     SigmaReport,
     StationBeacon,
 )
@@ -153,6 +154,15 @@ CLOCK: Final = Channel(
     qos=TIMED,
     bounds=Bounds(12 + 18 * _AGENTS, 10.0, 100),
 )
+LAW: Final = Channel(
+    name="law",
+    payload=LawNews,
+    publisher="agent",
+    listeners="agents",
+    rate="1 Hz while a peer flies another law, or has other zones",
+    qos=MUST_ARRIVE,
+    bounds=Bounds(24 * _KB, 4.0, 50),
+)
 STATUS: Final = Channel(
     name="status",
     payload=AgentStatus,
@@ -208,5 +218,5 @@ BEACON: Final = Channel(
     bounds=Bounds(_KB, 8.0, 100),
 )
 
-_ALL = (STATE, FAR, CLOCK, STATUS, SIGMA, EVENT, ACK, COMMAND, BEACON)
+_ALL = (STATE, FAR, CLOCK, LAW, STATUS, SIGMA, EVENT, ACK, COMMAND, BEACON)
 CHANNELS: Final[tuple[Channel[object], ...]] = _ALL  # type: ignore[assignment]  # P is invariant

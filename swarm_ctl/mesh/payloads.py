@@ -31,6 +31,7 @@ from swarm_ctl.core.model.messages import (
     Event,
     ExchangeState,
     Glimpse,
+    LawNews,
     Phase,
     SigmaReport,
     StationBeacon,
@@ -102,7 +103,7 @@ def _decode_command(data: bytes) -> Command:
 # Built on import (30 ms), in the agents' forkserver: no control loop stalls at its first status.
 _ADAPTERS: Final[dict[type[Any], TypeAdapter[Any]]] = {
     kind: TypeAdapter(kind)
-    for kind in (AgentStatus, SigmaReport, Event, Ack, Command, StationBeacon)
+    for kind in (AgentStatus, LawNews, SigmaReport, Event, Ack, Command, StationBeacon)
 }
 
 

@@ -39,6 +39,7 @@ _CHANNELS: Final[tuple[keys.Channel[Any], ...]] = (
     keys.STATE,
     keys.FAR,
     keys.CLOCK,
+    keys.LAW,
     keys.BEACON,
     keys.ACK,
     keys.EVENT,

@@ -14,6 +14,7 @@ from typing import Any, ParamSpec, TypeVar
 from unittest.mock import patch
 
 from swarm_ctl.core.model import messages, plan
+from swarm_ctl.mesh import keys
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from swarm_sim.firmware import autopilot
@@ -92,3 +93,18 @@ _SHARED: dict[type, Callable[[Any], Any]] = {
     for kind in vars(module).values()
     if dataclasses.is_dataclass(kind) and kind.__dataclass_params__.frozen
 } | {struct.Struct: lambda found: (struct.Struct, (found.format,))}
+
+
+def deaf(swarm: VirtualSwarm, agent: int, *channels: keys.Channel[Any], kind: str = "") -> Any:
+    """Nothing of these channels (or only no command of this kind) reaches the agent; call the
+    result to end it."""
+    node, take = swarm.members[agent].node, swarm.members[agent].node.take
+
+    def nothing(channel: keys.Channel[Any], likely: Any = None) -> list[Any]:
+        heard = take(channel, likely)
+        if channel not in channels:
+            return heard
+        return [item for item in heard if kind and getattr(item[0], "kind", "") != kind]
+
+    node.take = nothing  # type: ignore[method-assign]
+    return lambda: setattr(node, "take", take)

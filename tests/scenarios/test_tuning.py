@@ -4,7 +4,6 @@ is lost."""
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
@@ -12,7 +11,7 @@ from swarm_ctl.commands.send import CommandSender
 from swarm_ctl.core.model.messages import Command, Gains, Tuning
 from swarm_ctl.core.swarm.gain_update import LEAD_S, planned
 from swarm_ctl.mesh import keys
-from tests.scenarios.swarm import VirtualSwarm, at_step, flown_once
+from tests.scenarios.swarm import VirtualSwarm, at_step, deaf, flown_once
 from tests.scenarios.test_steps import FORM, assert_good, quartet
 
 ALL = (1, 2, 3, 4)
@@ -80,21 +79,6 @@ def heard() -> VirtualSwarm:
     swarm = VirtualSwarm(quartet("land"))
     swarm.run(4)
     return swarm
-
-
-def deaf(swarm: VirtualSwarm, agent: int, *channels: keys.Channel[Any], kind: str = "") -> Any:
-    """Nothing of these channels (or only no command of this kind) reaches the agent; call the
-    result to end it."""
-    node, take = swarm.members[agent].node, swarm.members[agent].node.take
-
-    def nothing(channel: keys.Channel[Any], likely: Any = None) -> list[Any]:
-        heard = take(channel, likely)
-        if channel not in channels:
-            return heard
-        return [item for item in heard if kind and getattr(item[0], "kind", "") != kind]
-
-    node.take = nothing  # type: ignore[method-assign]
-    return lambda: setattr(node, "take", take)
 
 
 def test_all_change_in_the_tick_of_the_order_s_time() -> None:
@@ -233,19 +217,35 @@ def test_no_agent_that_flies_is_left_out(desk: Desk) -> None:
     assert desk.moments == [(), (), (), ()]
 
 
-def test_an_agent_that_was_gone_keeps_its_law_and_says_so(desk: Desk) -> None:
-    """It was lost, so it was not asked; it can't know the values, and says that there are two
-    laws."""
+def test_an_agent_that_was_gone_takes_up_the_law_of_the_others(desk: Desk) -> None:
+    """It was lost, so it was not asked. It says that there are two laws, and flies that of its
+    peers once they have told it."""
     desk.swarm.members[4].frozen = True
     desk.run(8)
     desk.tune((1, 2, 3), h=0.04)
     desk.run(4)
     desk.swarm.members[4].frozen = False
     desk.run(1)
-    assert [len(moments) for moments in desk.moments] == [1, 1, 1, 0]
-    assert any(
-        "flies a law that agent 4 was not asked about" in event.text for event in desk.swarm.events
-    )
+    said = [event.text for event in desk.swarm.events if event.agent == 4]
+    assert any("flies a law that agent 4 was not asked about" in text for text in said)
+    assert "takes up what agent 1 flies" in said
+    assert {m.agent._controller.gains.h for m in desk.swarm.members.values()} == {0.04}
+
+
+def test_a_law_that_few_fly_is_not_taken_up(desk: Desk) -> None:
+    """Agents 1 to 3 lose sight of agent 4, which alone takes an update that it alone is asked
+    about: when they meet again, each keeps its own, and says so."""
+    ends = [deaf(desk.swarm, agent, keys.STATE, keys.COMMAND) for agent in (1, 2, 3)]
+    end = deaf(desk.swarm, 4, keys.STATE)
+    desk.run(6)
+    desk.tune((4,), h=0.03)
+    desk.run(3)
+    for again in (*ends, end):
+        again()
+    desk.run(3)
+    flown = [m.agent._controller.gains.h for m in desk.swarm.members.values()]
+    assert flown == [planned(desk.swarm.plan).h] * 3 + [0.03]
+    assert any("flies a law that agent 1 was not asked" in e.text for e in desk.swarm.events)
 
 
 def test_an_older_law_never_comes_back(desk: Desk) -> None:

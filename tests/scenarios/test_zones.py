@@ -18,10 +18,13 @@ from swarm_ctl.core.model.plan import Zone
 from swarm_ctl.core.safety.fence import inside
 from swarm_ctl.core.safety.surroundings import Surroundings
 from swarm_ctl.core.swarm.gain_update import planned
+from swarm_ctl.mesh import keys
+from swarm_ctl.mesh.memory_transport import MemoryTransport
+from swarm_ctl.mesh.node import Node
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from tests.on_demand import on_demand
-from tests.scenarios.swarm import landing_fast
+from tests.scenarios.swarm import deaf, landing_fast
 from tests.unit.plans import steps_of
 
 HEAD = """\
@@ -275,3 +278,50 @@ def test_a_zone_that_is_added_in_flight_is_left() -> None:
         s is not None and s.zones is not None and s.zones[0].name == "pond" for s in statuses
     )
     assert swarm.closest_m > mission.plan.law.r_in * mission.plan.unit_m
+
+
+@pytest.mark.parametrize("heard_late", [False, True])
+def test_an_agent_that_is_restarted_takes_up_the_zones_of_its_peers(heard_late: bool) -> None:
+    """Killed, started again over the same plan, which has no zone: it keeps out of the one that was
+    added in flight, on the way that leads through it, and the operator can lift that again. Also
+    where the first words of the peer that tells it are lost."""
+    mission = loads(HEAD + STEPS)
+    swarm = landing_fast(VirtualSwarm(mission))
+    swarm.wait(lambda s: s.in_step(3))
+    ordered(swarm, "zone add pond circle 70 5 6")
+    swarm.kill(2)
+    swarm.run(1.0)
+    swarm.restart(2)
+    if heard_late:
+        end = deaf(swarm, 2, keys.LAW)
+        swarm.run(2.0)
+        end()
+    pond, least = Zone("pond", ((70.0, 5.0),), 6.0, 1.25), math.inf
+    swarm.run(1.5)
+    status = swarm.members[2].status
+    assert status is not None
+    assert status.zones is not None
+    assert [zone.name for zone in status.zones] == ["pond"]
+    assert any(
+        event.agent == 2 and event.text == "takes up what agent 1 flies" for event in swarm.events
+    )
+    swarm.wait(lambda s: max(place[0] for place in s.positions().values()) > 60.0)
+    while not all(member.ended for member in swarm.members.values()):
+        swarm.tick()
+        for north, east, down in swarm.hub.world.positions():
+            if down < -1.0:
+                least = min(least, gap_m(pond, north, east))
+    assert least > 1.25
+    tags = {member.agent._command_handler.gain_update.tag for member in swarm.members.values()}
+    assert len(tags) == 1
+
+
+def test_agents_of_one_law_tell_nobody() -> None:
+    """An update that all have been asked about makes no words of law."""
+    swarm = landing_fast(VirtualSwarm(loads(HEAD + STEPS)))
+    listener = Node(MemoryTransport(swarm.mesh), "test", "listener")
+    listener.listen(keys.LAW)
+    swarm.wait(lambda s: s.in_step(3))
+    ordered(swarm, "zone add pond circle 70 5 6")
+    swarm.run(8.0)
+    assert not listener.take(keys.LAW)

@@ -37,6 +37,7 @@ from swarm_ctl.core.model.messages import (
     CommandKind,
     Event,
     Glimpse,
+    LawNews,
     Outcome,
     Phase,
     Refusal,
@@ -75,6 +76,7 @@ class Inbox:
     far: Sequence[tuple[AgentState, float]] = ()
     """Far words (`core/swarm/hearing.py`)."""
     clocks: Sequence[tuple[ClockNews, float]] = ()
+    laws: Sequence[LawNews] = ()
     beacons: Sequence[tuple[StationBeacon, float]] = ()
     commands: Sequence[Command] = ()
     told_to_end: str = ""
@@ -105,6 +107,7 @@ class Actions:
     follow: frozenset[int] | None = None
     """The peers whose states are to be heard from now on."""
     clock: ClockNews | None = None
+    law: LawNews | None = None
     status: AgentStatus | None = None
     sigma: SigmaReport | None = None
     events: tuple[Event, ...] = ()
@@ -253,6 +256,8 @@ class Agent:
                 log.say(now, Severity.WARNING, unlike)
         yield
         snapshot = peers.snapshot(now, view.contacts, self._controller.point_m)
+        for law in inbox.laws:
+            self._fly_law(now, self._command_handler.gain_update.take_up(law, snapshot))
         self._attention.run(now)
         self._tell_notes(now)
         heard = self._station, self._attention, self._members, self._phase
@@ -269,8 +274,11 @@ class Agent:
         self._notes = []
 
     def _update_gains(self, now: float, states: Sequence[tuple[AgentState, float]]) -> None:
+        self._fly_law(now, self._command_handler.gain_update.update(now, states))
+
+    def _fly_law(self, now: float, said: Sequence[tuple[Severity, str]]) -> None:
         gain_update = self._command_handler.gain_update
-        for severity, text in gain_update.update(now, states):
+        for severity, text in said:
             self._log.say(now, severity, text)
         if self._controller.gains is not gain_update.gains:
             self._controller.set_gains(gain_update.gains)
@@ -471,6 +479,7 @@ class Agent:
         actions.acks = acks
         self._choose_near(tick, actions)
         actions.clock = self._peers.clocks.say(tick.now)
+        actions.law = self._command_handler.gain_update.tell(tick.peers)
         # on the way down the peers fall silent one by one, and none is followed
         down = self._phase in (Phase.LAND, Phase.RETURN, Phase.ENDED)
         if self._group.progress.step > 0 and not down:

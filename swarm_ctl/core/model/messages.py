@@ -476,6 +476,21 @@ class ClockNews:
 
 
 @dataclass(frozen=True, slots=True)
+class LawNews:
+    """Law and zones that were changed in flight, told while a peer flies others: one that was
+    restarted or away takes them up (`core/swarm/gain_update.py`)."""
+
+    agent: int
+    tag: int
+    """As in its states, `AgentState.gains_tag`."""
+    for_s: float
+    """So long they have been in force, by its clock."""
+    gains: Gains
+    zones: tuple[Zone, ...] | None = None
+    """All of them; None: the plan's."""
+
+
+@dataclass(frozen=True, slots=True)
 class Event:
     """Something worth a line in the log."""
 
@@ -541,5 +556,13 @@ class StationBeacon:
 
 
 Payload: TypeAlias = (
-    AgentState | AgentStatus | ClockNews | SigmaReport | Event | Command | Ack | StationBeacon
+    AgentState
+    | AgentStatus
+    | ClockNews
+    | LawNews
+    | SigmaReport
+    | Event
+    | Command
+    | Ack
+    | StationBeacon
 )

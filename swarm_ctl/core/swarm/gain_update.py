@@ -17,8 +17,10 @@ what the station's mesh link loses. What happens to an agent, and what it does:
 - It hears neither before the time: it keeps the old gains. As soon as a peer's state says that the
   prepared gains are in force, it adopts them in the same tick.
 - `apply` comes after the time: it refuses. If no agent flies the new gains by then, none begins.
-- A peer flies gains that this agent has not prepared (another station's mistake, or the agent was
-  lost while its peers were asked): it keeps its own and warns; so does every station.
+- A peer flies gains that this agent has not prepared, because it was restarted, or lost while its
+  peers were asked: the peers tell it the gains and zones (`LawNews`), and it takes them up where at
+  least half of the peers that it hears fly them. Until then, or where fewer do (another station's
+  mistake), it keeps its own and warns; so does every station.
 - The station dies between the phases: nothing changes. It dies while it sends `apply`: the agents
   that heard it tell their peers.
 - An agent that a peer hears was not asked: that peer refuses, so nothing changes.
@@ -42,6 +44,7 @@ from swarm_ctl.core.model.messages import (
     Command,
     CommandKind,
     Gains,
+    LawNews,
     Phase,
     Severity,
     Tuning,
@@ -82,6 +85,12 @@ ZONES_AT_MOST: Final = 250
 _CORNERS_AT_MOST: Final = 200
 _FARTHEST_M: Final = 20_000.0
 _ORIGINAL: Final = (-math.inf, 0)
+_LOOK_S: Final = 0.25
+"""Between two looks at what peers fly; one that has the same at the next look needs no news."""
+_AGAIN_S: Final = 1.0
+_ALONE_S: Final = 3.0
+"""For so long the lowest of those that fly the newest law tells it alone."""
+_HEARD_S: Final = 1.0
 
 
 _NAMES: Final = ("delta_a", "delta_l", "h", "kappa")
@@ -183,6 +192,11 @@ def bad_zones(zones: tuple[Zone, ...]) -> str:
         )
         if not all(abs(x) <= _FARTHEST_M for x in numbers):  # NaN is not
             return f"zone {zone.name}: a number is out of range; allowed: to {_FARTHEST_M:g} m"
+        if zone.clearance_m < 0.0:
+            return f"zone {zone.name}: clearance {zone.clearance_m:g}; allowed: 0 m or more"
+        low, high = zone.floor_m, zone.ceiling_m
+        if low is not None and high is not None and low >= high:
+            return f"zone {zone.name}: floor {low:g}, ceiling {high:g}; allowed: a floor below it"
         circle, corners = len(zone.corners_m) == 1, zone.corners_m
         if not (zone.radius_m > 0 if circle else 3 <= len(corners) <= _CORNERS_AT_MOST):
             allowed = f"a radius above 0, or 3 to {_CORNERS_AT_MOST} corners"
@@ -209,6 +223,10 @@ class GainUpdate:
         self._prepared: dict[int, Tuning] = {}
         self._since = _ORIGINAL
         self._unknown: set[int] = set()
+        self._look_s = self._tell_s = -math.inf
+        """When the next look at the peers is due, and the next word to them."""
+        self._other_s = math.inf
+        """Since when a peer flies another law."""
         self.gains = planned(plan)
         self.zones: tuple[Zone, ...] | None = None
         """In force; None: the plan's."""
@@ -243,6 +261,8 @@ class GainUpdate:
         """Why it would change other zones than was meant, or ''. Its sender may know the zones of a
         moment ago: no zone that was just added is lifted by that."""
         changes = zone_changes(self._of(self.zones), self._of(tuning.zones))
+        if kind == CommandKind.ZONE and tuning.zones is None:
+            return ""  # back to the mission's own
         most = 1 if kind == CommandKind.ZONE else 0
         if changes.count(",") + bool(changes) <= most:
             return ""
@@ -302,6 +322,51 @@ class GainUpdate:
         if self.decided and now >= self._prepared[self.decided].at_s:
             said += self._adopt(self.decided)
         return said
+
+    # --- those that were not asked ---
+
+    def tell(self, peers: PeerSnapshot) -> LawNews | None:
+        """The law in force, for peers that fly an older one; None: nothing is to be told now."""
+        now = peers.now_s
+        if not self.tag or now < self._look_s:
+            return None
+        self._look_s = now + _LOOK_S
+        tags = self._tags(peers)
+        if all(tag == self.tag for tag in tags.values()):
+            self._other_s = math.inf
+            return None
+        before, self._other_s = self._other_s, min(self._other_s, now)
+        alone = any(tag == self.tag and agent < self._own for agent, tag in tags.items())
+        if not before < now or now < self._tell_s or (alone and now - before < _ALONE_S):
+            return None
+        self._tell_s = now + _AGAIN_S
+        return LawNews(self._own, self.tag, now - self._since[0], self.gains, self.zones)
+
+    def take_up(self, news: LawNews, peers: PeerSnapshot) -> list[tuple[Severity, str]]:
+        """Fly what at least half of the peers fly that are heard, if it is newer and can be flown.
+        Returns what is to be said, (severity, text)."""
+        tags = self._tags(peers)
+        many = 2 * sum(tag == news.tag for tag in tags.values()) >= len(tags)
+        if news.tag == self.tag or tags.get(news.agent) != news.tag or not many:
+            return []
+        if out_of_range(news.gains, self._plan) or bad_zones(news.zones or ()):
+            return []
+        at_s = peers.now_s - max(0.0, news.for_s)
+        self._prepared[news.tag] = Tuning(news.gains, at_s, zones=news.zones)
+        said = self._adopt(news.tag)
+        text = f"takes up what agent {news.agent} flies"
+        return [(Severity.WARNING, text), *said] if said else []
+
+    def _tags(self, peers: PeerSnapshot) -> dict[int, int]:
+        """What each peer flies that is heard, by its own word."""
+        return {
+            peer.id: peer.state.gains_tag
+            for peer in peers.peers
+            if peer.state is not None
+            and peer.silent_s <= _HEARD_S
+            and peer.state.plan_hash == self._hash
+            and peer.state.phase is not Phase.ENDED
+        }
 
     def _on_own_clock(self, tuning: Tuning | None) -> Tuning | None:
         ahead_s = dict(tuning.ahead_s).get(self._own, 0.0) if tuning else 0.0

@@ -274,6 +274,7 @@ def _loop(
             states=[(state, own(at)) for state, at in node.take(keys.STATE, likely)],
             far=[(state, own(at)) for state, at in node.take(keys.FAR, likely)],
             clocks=[(news, own(at)) for news, at in node.take(keys.CLOCK, likely)],
+            laws=[news for news, _ in node.take(keys.LAW)],
             beacons=[(beacon, own(at)) for beacon, at in node.take(keys.BEACON)],
             commands=[command for command, _ in node.take(keys.COMMAND)],
             told_to_end=lifeline.cut(),

@@ -58,6 +58,9 @@ def test_the_gains_keep_the_zones() -> None:
         ("zone add pond polygon 0 0 9 0", "usage: zone add"),
         ("zone add ../x circle 1 2 3", "is no name"),
         ("zone add pond circle 1 2 -3", "zone pond is no area"),
+        ("zone add pond circle 1 2 3 clearance=-30", "clearance -30; allowed: 0 m or more"),
+        ("zone add pond circle 1 2 3 floor=9 ceiling=2", "floor 9, ceiling 2; allowed: a floor"),
+        ("zone add pond circle 1 2 3 floor=5 floor=50", "a number is given twice"),
         ("zone add pond circle 1e9 2 3", "a number is out of range"),
         ("zone add box polygon 0 0 9 9 9 0 0 9", "zone box is no area"),
         ("zone add oak circle 1 2 3", "there is a zone oak"),
@@ -80,7 +83,20 @@ def test_agents_that_differ_or_are_not_heard_stop_it() -> None:
             build(parse("zone add p circle 1 2 3", PLAN), replace(SWARM, agents=agents))
 
 
+def test_agents_that_differ_get_the_mission_s_own_zones_by_an_order() -> None:
+    """The refusal says who has which, and the order that all can take; also where laws differ."""
+    unlike = (replace(AGENTS[0], zones=()), *AGENTS[1:])
+    with pytest.raises(InputError, match=r"\(agent 1: none; agents 2-6: as planned\).*`zone plan`"):
+        build(parse("zone lift oak", PLAN), replace(SWARM, agents=unlike))
+    other = replace(planned(PLAN), h=0.004)
+    for agents in (unlike, (replace(unlike[0], gains=other), *unlike[1:])):
+        command = build(parse("zone plan", PLAN), replace(SWARM, agents=agents))
+        assert command.agents == (1, 2, 3, 4, 5, 6)
+        assert command.tuning is not None
+        assert (command.tuning.zones, command.tuning.gains) == (None, planned(PLAN))
+
+
 def test_words_are_completed() -> None:
-    assert complete("zone ", PLAN) == ["zone add ", "zone lift ", "zone list"]
+    assert complete("zone ", PLAN) == ["zone add ", "zone lift ", "zone list", "zone plan"]
     assert complete("zone lift ", PLAN) == ["zone lift oak"]
     assert complete("zone add pond c", PLAN) == ["zone add pond circle "]

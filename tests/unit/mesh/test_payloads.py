@@ -23,6 +23,7 @@ from swarm_ctl.core.model.messages import (
     Command,
     Event,
     Gains,
+    LawNews,
     LinkReport,
     Outcome,
     PairReport,
@@ -37,6 +38,7 @@ from swarm_ctl.core.model.messages import (
 from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, VehicleIdentity
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
+from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.errors import PayloadError
 from swarm_ctl.mesh.keys import CHANNELS
 from swarm_ctl.mesh.payloads import VERSION, decode, encode, is_json
@@ -89,6 +91,8 @@ OTHERS: list[Any] = [
         tuning=Tuning(Gains(0.1, 2.0, 0.04, 15.0), 4.0, ((2, -0.5),)),
     ),
     Command("t-apply", "apply", (1, 2), 2.5, commits=2**32 - 1),
+    LawNews(1, 2**32 - 1, 12.5, Gains(0.1, 2.0, 0.04, 15.0)),
+    LawNews(1, 7, 0.0, Gains(0.1, 2.0, 0.04, 15.0), (Zone("z", ((1.0, 2.0),), 3.0, 1.25),)),
     Ack(1, "abc", False, "no"),
     ClockNews(1, 2.5, Answers.REGULAR, ()),
     ClockNews(65535, -1e9, Answers.SOON, (ClockEcho(2, 1e6 + 0.1, 1e-6), ClockEcho(50, -3.0, 0.9))),

@@ -33,6 +33,8 @@ def test_one_zone_at_a_time() -> None:
     update.zones = (OAK, POND)
     assert "lift pond" in refusal(update, (OAK, HUT))
     assert refusal(update, (OAK, POND, HUT)) == ""
+    assert refusal(update, None) == ""  # the mission's own
+    assert "lift pond" in refusal(update, None, CommandKind.TUNE)
     assert refusal(update, (OAK, POND), CommandKind.TUNE) == ""
 
 
@@ -42,6 +44,10 @@ def test_what_is_no_zone_is_refused() -> None:
     nowhere = Zone("nowhere", ((float("nan"), 0.0),), 1.0, 1.0)
     for zone in (flat, nowhere, Zone("none", ((0.0, 0.0),), 0.0, 1.0)):
         assert refusal(update, (OAK, zone))
+    low = Zone("low", ((0.0, 0.0),), 1.0, 1.0, 10.0, 2.0)
+    near = Zone("near", ((0.0, 0.0),), 1.0, -30.0)
+    assert bad_zones((low,)) == "zone low: floor 10, ceiling 2; allowed: a floor below it"
+    assert bad_zones((near,)) == "zone near: clearance -30; allowed: 0 m or more"
     assert bad_zones((OAK, OAK)).startswith("two zones have one name")
 
 
