@@ -241,10 +241,11 @@ def test_eight_through_a_dense_wood(seed: int) -> None:
 
 
 def ordered(swarm: VirtualSwarm, line: str) -> None:
-    """An operator's zones, for all agents at one time."""
+    """An operator's order."""
+    flying = {i: member.agent._controller for i, member in swarm.members.items()}
     now = tuple(
-        AgentNow(i, member.agent._controller.stop_point_m, gains=planned(swarm.plan))
-        for i, member in swarm.members.items()
+        AgentNow(i, each.stop_point_m, gains=planned(swarm.plan), zones=each.other_zones)
+        for i, each in flying.items()
     )
     sender = CommandSender(swarm.send, tuple(swarm.members))
     sent = sender.send(
@@ -325,3 +326,58 @@ def test_agents_of_one_law_tell_nobody() -> None:
     ordered(swarm, "zone add pond circle 70 5 6")
     swarm.run(8.0)
     assert not listener.take(keys.LAW)
+
+
+def torn_m(swarm: VirtualSwarm) -> float:
+    """How far the vehicles are from being a grid, by truth: the change of their distances."""
+    at = [complex(n, e) for n, e, _ in swarm.hub.world.positions()]
+    sides = (abs(at[0] - at[1]), abs(at[2] - at[3]), abs(at[0] - at[2]), abs(at[1] - at[3]))
+    return max(abs(side - 9.5) for side in sides)
+
+
+@pytest.mark.parametrize("by", ["mission", "order"])
+def test_a_move_under_way_goes_round_a_zone_that_is_added(by: str) -> None:
+    """All together: the shape stays, none comes near the zone, and the move ends where it was to;
+    also a move that an operator has ordered. A zone that is lifted again is flown over."""
+    mission = loads(HEAD + STEPS)
+    swarm = landing_fast(VirtualSwarm(mission))
+    swarm.wait(lambda s: s.in_step(3))
+    if by == "order":
+        ordered(swarm, "move 110 5 4")
+    swarm.run(3.0)
+    ordered(swarm, "zone add pond circle 70 6 5")
+    swarm.run(2.5)
+    ordered(swarm, "zone add well circle 105 30 2")
+    pond, least, torn, beside = Zone("pond", ((70.0, 6.0),), 5.0, 1.25), math.inf, 0.0, 0.0
+    while max(place[0] for place in swarm.positions().values()) < 100.0:
+        assert swarm.now < 120.0
+        swarm.tick()
+        torn = max(torn, torn_m(swarm))
+        for north, east, _ in swarm.hub.world.positions():
+            least = min(least, gap_m(pond, north, east))
+            beside = max(beside, abs(east - 5.0))
+    assert least > 1.25
+    assert torn < 1.5
+    assert beside > 15.0  # it went round
+    assert not any("doubt" in event.text or "off its way" in event.text for event in swarm.events)
+    if by == "order":
+        swarm.wait(lambda s: min(place[0] for place in s.positions().values()) > 104.0)
+        ordered(swarm, "resume")
+    swarm.wait(lambda s: all(member.ended for member in s.members.values()))
+    assert set(swarm.outcomes().values()) == {"completed"}
+    assert swarm.closest_m > 2 * mission.plan.law.r_in * mission.plan.unit_m
+
+
+def test_a_zone_that_is_lifted_is_flown_over_again() -> None:
+    """The mission's own way, which leads round it, is not: a zone of the operator's."""
+    mission = loads(HEAD + STEPS)
+    swarm = landing_fast(VirtualSwarm(mission))
+    swarm.wait(lambda s: s.in_step(3))
+    ordered(swarm, "zone add pond circle 90 6 5")
+    swarm.run(4.0)
+    ordered(swarm, "zone lift pond")
+    swarm.wait(lambda s: max(place[0] for place in s.positions().values()) > 92.0)
+    middle = sum(east for _, east, _ in swarm.hub.world.positions()) / 4
+    assert abs(middle - 5.0) < 5.0
+    swarm.wait(lambda s: all(member.ended for member in s.members.values()))
+    assert set(swarm.outcomes().values()) == {"completed"}

@@ -282,7 +282,7 @@ class Agent:
             self._log.say(now, severity, text)
         if self._controller.gains is not gain_update.gains:
             self._controller.set_gains(gain_update.gains)
-        zones = self._plan.zones if gain_update.zones is None else gain_update.zones
+        zones = gain_update.zones_in_force
         if self._controller.zones is not zones:
             self._controller.set_zones(zones)
 

@@ -4,12 +4,14 @@ shape with its frame, its graph and the roles in it, and whom it is flown withou
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Final
 
 from swarm_ctl.core.agent.failsafes import FailsafeTrigger, gave_up, left_by_order, progress_of
 from swarm_ctl.core.agent.flight import EventLog
 from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.agent.tick import Tick
+from swarm_ctl.core.control.detour import Detour
 from swarm_ctl.core.control.in_file import InFile
 from swarm_ctl.core.control.reference import Reference
 from swarm_ctl.core.law.formation import error_of_one
@@ -20,6 +22,7 @@ from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.swarm.neighbourhood import Neighbourhood
 from swarm_ctl.core.swarm.peers import Peers
 from swarm_ctl.core.swarm.slot_exchange import SlotExchange
@@ -53,6 +56,10 @@ class Group:
         self.neighbourhood = Neighbourhood(group, own_id)
         self.slot_exchange = SlotExchange(plan, own_id, peers)
         self._in_file = InFile(plan, own_id)
+        self._detour = Detour(plan)
+        self._formations = group.formations(plan.unit_m)
+        self._set_out: Point | None = None
+        """Where the frame stood when the newest step began."""
         self._measure_due = -math.inf
         self._held_since: dict[int, float] = {}
         """By agent: since when it flies a command that this agent does not."""
@@ -195,6 +202,25 @@ class Group:
             self.neighbourhood.choose(exchange.in_roles(step.neighbours))
         exchange.begin(step.slots)
 
+    def on_way(self, step: Step, zones: tuple[Zone, ...], law_tag: int, override: int) -> Step:
+        """The step as it is flown with these zones in force; call it before `formation`.
+
+        Args:
+            step: the mission's, or the command's.
+            zones: in force.
+            law_tag: of the update that they came with.
+            override: the command's tag, or 0.
+        """
+        reference, stands = self.reference, self._formations
+        reference.law_tag = law_tag
+        before = stands[min(max(self.progress.step - 1, 0), len(stands) - 1)]
+        if override and self._set_out is not None:
+            before = replace(before, centre_m=self._set_out)
+        flown, frame = self._detour.flown(step, before, zones, reference.frame)
+        if frame is not reference.frame:
+            reference.join(frame)
+        return flown
+
     def formation(
         self, tick: Tick, step: Step, override: int, own_m: Point, *, free: bool
     ) -> tuple[Formation, Point, Point | None]:
@@ -229,6 +255,8 @@ class Group:
     def forget_shape(self) -> None:
         """Another shape is flown from now on: what was measured is the one before."""
         self._in_file.begin()
+        frame = self.reference.frame
+        self._set_out = frame.point_m if frame is not None else None
         self.formation_error_m = None
         self._measure_due = -math.inf
 
@@ -299,6 +327,7 @@ class Group:
                 self.begin_form(each.new_shape)
         in_step = [state for state in flying if state.step == step]
         if in_step:
+            self._detour.join()
             self.reference.join(min(in_step, key=lambda state: state.agent).frame)
 
 

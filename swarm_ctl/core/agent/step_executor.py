@@ -192,6 +192,9 @@ class StepExecutor:
                 self._exchange_slots(tick, step, own_m)
             flown = override.step if override is not None else step
             tag, free = self._command_handler.tag, self._interruption.trigger is None
+            law = self._command_handler.gain_update
+            flown = self._group.on_way(flown, law.zones_in_force, law.tag, tag)
+            step = flown if override is None else step
             course = FlyShape(*self._group.formation(tick, flown, tag, own_m, free=free))
             file = flown.file
             if file is not None:

@@ -231,7 +231,7 @@ class Controller:
 
     def _way_among(self, zones: tuple[Zone, ...]) -> OwnWay:
         plan = self._plan
-        return OwnWay(zones, plan.fence, self._vehicle, plan.limits.speed_mps, plan.tick_s)
+        return OwnWay(zones, plan.fence, plan.tick_s)
 
     def _leg(self, to: complex) -> WayLeg:
         """To a place of its own, round zones."""

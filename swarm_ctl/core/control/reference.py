@@ -72,6 +72,8 @@ class Reference:
         self.motion = STILL
         """Of the frame, since `follow`."""
         self.pinned = own_id
+        self.law_tag = 0
+        """Of the own law: a leader with another one may have other zones, and so another way."""
         self.doubted: tuple[int, str] | None = None
         """The leader whose frame was not believed in this tick, and why."""
         self._bounds = FrameBounds()
@@ -211,7 +213,8 @@ class Reference:
         places = self._off_places(leader, frame, peers, own_m)
         feeds = feeds and age <= PREDICT_S
         why = self._bounds.doubt(frame, step, self.radius_m, peers.now_s, places, feeds=feeds)
-        self.doubted = (leader.agent, why) if why else None
+        same = leader.gains_tag == self.law_tag
+        self.doubted = (leader.agent, why) if why and same else None
         return not why
 
     def _off_places(

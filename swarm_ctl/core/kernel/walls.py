@@ -52,6 +52,11 @@ NO_WALL_MARGINS: Final = WallMargins(
 )
 
 
+def kept_m(clearance_m: float) -> float:
+    """How far stop points stay from a wall from which positions are to stay `clearance_m`."""
+    return clearance_m + ERROR_M
+
+
 def wall_margins_of(
     clearance_m: float, response: Response, speed_mps: float, scale_m: float = 1.0
 ) -> WallMargins:
@@ -63,7 +68,7 @@ def wall_margins_of(
     circle of radius x around the corner, positions stay `x F(v tau / x)` from it (safety.md, Proven
     2). `slow` and `zone` are chosen so that this is `clearance_m` at least.
     """
-    keep = clearance_m + ERROR_M
+    keep = kept_m(clearance_m)
     slow = min(circling(clearance_m, keep, response), speed_mps)
     zone = _STEP_M
     while circling(clearance_m, keep + zone, response) < speed_mps:

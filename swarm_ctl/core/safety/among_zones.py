@@ -9,9 +9,9 @@ from typing import Final
 
 import numpy as np
 
-from swarm_ctl.core.kernel.walls import wall_margins_of
+from swarm_ctl.core.kernel.walls import kept_m
 from swarm_ctl.core.model.geometry import Point
-from swarm_ctl.core.model.plan import Plan, Response, Zone
+from swarm_ctl.core.model.plan import Plan, Zone
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.safety.ways import AROUND, BESIDE_M, WayMap, point_on
 
@@ -34,20 +34,13 @@ class AmongZones:
     Args:
         zones: of the plan; those at other heights do not count.
         fence_m: corners of the fence; (): it is not in the way.
-        response: of the vehicles.
-        speed_mps: the most that they fly.
         heights_m: from, to.
     """
 
     def __init__(
-        self,
-        zones: Iterable[Zone],
-        fence_m: Sequence[Point],
-        response: Response,
-        speed_mps: float,
-        heights_m: tuple[float, float],
+        self, zones: Iterable[Zone], fence_m: Sequence[Point], heights_m: tuple[float, float]
     ) -> None:
-        self._response, self._speed_mps, self._fence_m = response, speed_mps, fence_m
+        self._fence_m = fence_m
         self.zones = [zone for zone in zones if zone.blocks(*heights_m)]
         """Those that are in the way."""
         self._alone = {zone.name: self._map([zone], (), -_TOUCHES_M) for zone in self.zones}
@@ -56,7 +49,7 @@ class AmongZones:
     def of(cls, plan: Plan, heights_m: tuple[float, float]) -> AmongZones:
         """Of a plan."""
         fence_m = plan.fence.polygon_m if plan.fence else ()
-        return cls(plan.zones, fence_m, plan.response, plan.limits.speed_mps, heights_m)
+        return cls(plan.zones, fence_m, heights_m)
 
     def cut(self, way_m: Iterable[Point]) -> str:
         """The first zone that cuts this way of one vehicle: `oak`; '': none does."""
@@ -107,10 +100,7 @@ class AmongZones:
         """How much wider the widest gap from a to b has to be for one vehicle, or for `many` in
         file; 0: they have a way; None: there is no gap."""
         high = _SPARE_M if many else 0.0
-        needed_m, low = (
-            high,
-            -max((self._keep_m(zone.clearance_m) for zone in self.zones), default=0),
-        )
+        needed_m, low = (high, -max((kept_m(zone.clearance_m) for zone in self.zones), default=0))
         if self._map(self.zones, self._fence_m, high).shortest(a, b) is not None:
             return 0.0
         if self._map(self.zones, self._fence_m, low).shortest(a, b) is None:
@@ -128,14 +118,12 @@ class AmongZones:
         between a zone and the fence. Enough for all: no corner of a way is nearer to one side than
         it has to be, and none is blocked by the other."""
         spare = _SPARE_M if many else 0.0
-        keep = spare + self._keep_m(max(zone.clearance_m for zone in self.zones))
-        return (1.0 + AROUND) * keep + BESIDE_M, AROUND * keep + BESIDE_M + spare + self._keep_m(
-            0.0
-        )
+        keep = spare + kept_m(max(zone.clearance_m for zone in self.zones))
+        return (1.0 + AROUND) * keep + BESIDE_M, AROUND * keep + BESIDE_M + spare + kept_m(0.0)
 
     def off_m(self, name: str, radius_m: float) -> float:
         """How far from this zone the middle of a formation of this radius stays."""
-        return radius_m + self._keep_m(next(z.clearance_m for z in self.zones if z.name == name))
+        return radius_m + kept_m(next(z.clearance_m for z in self.zones if z.name == name))
 
     def roomy(self, name: str, at: Point, radius_m: float) -> bool:
         """A formation of this radius may stand there, as far as this zone goes."""
@@ -144,18 +132,10 @@ class AmongZones:
 
     def _map(self, zones: Iterable[Zone], fence_m: Sequence[Point], radius_m: float) -> WayMap:
         outlines = [
-            (
-                zone.corners_m,
-                zone.radius_m,
-                max(_LEAST_M, radius_m + self._keep_m(zone.clearance_m)),
-            )
+            (zone.corners_m, zone.radius_m, max(_LEAST_M, radius_m + kept_m(zone.clearance_m)))
             for zone in zones
         ]
-        return WayMap(outlines, fence_m, max(_LEAST_M, radius_m + self._keep_m(0.0)))
-
-    def _keep_m(self, clearance_m: float) -> float:
-        """How far stop points stay from what has this clearance."""
-        return wall_margins_of(clearance_m, self._response, self._speed_mps).keep
+        return WayMap(outlines, fence_m, max(_LEAST_M, radius_m + kept_m(0.0)))
 
 
 def _length_m(way: Sequence[Point]) -> float:

@@ -11,9 +11,9 @@ import itertools
 from collections.abc import Generator, Sequence
 from typing import Final, NamedTuple
 
-from swarm_ctl.core.kernel.walls import wall_margins_of
+from swarm_ctl.core.kernel.walls import kept_m
 from swarm_ctl.core.model.geometry import Point
-from swarm_ctl.core.model.plan import Fence, Response
+from swarm_ctl.core.model.plan import Fence
 from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.safety.ways import WayMap
 
@@ -48,19 +48,16 @@ class WayLeg(NamedTuple):
 
 
 class OwnWay:
-    """One vehicle's way. `response` and `speed_mps` are those of the vehicle; `maps`: what several
-    that answer alike have in common."""
+    """One vehicle's way. `maps`: what several have in common."""
 
     def __init__(
         self,
         zones: Sequence[Zone],
         fence: Fence | None,
-        response: Response,
-        speed_mps: float,
         tick_s: float,
         maps: dict[tuple[int, ...], WayMap] | None = None,
     ) -> None:
-        self._zones, self._response, self._speed_mps = tuple(zones), response, speed_mps
+        self._zones = tuple(zones)
         self._fence_m = fence.polygon_m if fence else ()
         self.free = not self._zones and _convex(self._fence_m)
         """Each straight line is."""
@@ -141,13 +138,10 @@ class OwnWay:
 
     def _map(self, zones: tuple[int, ...]) -> WayMap:
         outlines = [
-            (zone.corners_m, zone.radius_m, self._keep_m(zone.clearance_m))
+            (zone.corners_m, zone.radius_m, kept_m(zone.clearance_m) - _INSIDE_M)
             for zone in (self._zones[k] for k in zones)
         ]
-        return WayMap(outlines, self._fence_m, self._keep_m(0.0), beside_m=_BESIDE_M)
-
-    def _keep_m(self, clearance_m: float) -> float:
-        return wall_margins_of(clearance_m, self._response, self._speed_mps).keep - _INSIDE_M
+        return WayMap(outlines, self._fence_m, kept_m(0.0) - _INSIDE_M, beside_m=_BESIDE_M)
 
 
 def _point(at: complex) -> Point:

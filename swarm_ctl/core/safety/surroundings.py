@@ -65,6 +65,10 @@ class Surroundings:
         self._zones = tuple(zones)
         found = [(FENCE, fence.polygon_m, 0.0, 0.0)] if fence and fence.polygon_m else []
         found += [(k, z.corners_m, z.radius_m, z.clearance_m) for k, z in enumerate(zones)]
+        margins = {
+            clearance: wall_margins_of(clearance, response, speed_mps, scale_m)
+            for clearance in {each[-1] for each in found}
+        }
         self._walls = [
             (
                 about,
@@ -73,7 +77,7 @@ class Surroundings:
                     radius / scale_m,
                     within=about == FENCE,
                 ),
-                wall_margins_of(clearance, response, speed_mps, scale_m),
+                margins[clearance],
             )
             for about, corners, radius, clearance in found
         ]

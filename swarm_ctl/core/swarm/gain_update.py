@@ -235,6 +235,11 @@ class GainUpdate:
         self.decided = 0
         """`Command.tag` of the update that waits for its time; 0: none."""
 
+    @property
+    def zones_in_force(self) -> tuple[Zone, ...]:
+        """The update's, else the plan's."""
+        return self._of(self.zones)
+
     def refusal(self, command: Command, peers: PeerSnapshot) -> str:
         """Why the command cannot be obeyed; '' where it can."""
         now = peers.now_s

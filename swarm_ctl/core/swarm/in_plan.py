@@ -27,6 +27,8 @@ from swarm_ctl.core.model.plan import Plan
 _MOST: Final = 1e12
 """Of a figure: seconds since 1970 are 2e9, and squares do not overflow."""
 _MOST_WHOLE: Final = 2**64
+_MOST_LEGS: Final = 255
+"""With zones that were added in flight a way may have so many corners: states tell no more."""
 _STAGES: Final = max(ReturnStage)
 
 
@@ -106,7 +108,9 @@ class InPlan:
         frame = state.frame
         if frame is not None and frame.leg and not state.override and state.step:
             has = legs[state.step - 1]
-            if not 0 <= frame.leg <= max(has, legs[state.step - 2] if state.step > 1 else 0):
+            most = max(has, legs[state.step - 2] if state.step > 1 else 0)
+            most = _MOST_LEGS if most and state.gains_tag else most
+            if not 0 <= frame.leg <= most:
                 return f"its formation has passed {frame.leg} waypoints; the step has {has}"
         figures: tuple[float, ...] = (
             *(state.time_s, state.response_s, state.doubt_s),

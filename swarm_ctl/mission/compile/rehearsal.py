@@ -89,8 +89,7 @@ class Rehearsal:
         self._surroundings = Surroundings(plan.zones, plan.fence, plan.response, speed_mps, unit_m)
         self._height_m = height_m
         maps: dict[tuple[int, ...], WayMap] = {}
-        about = plan.zones, plan.fence, plan.response, speed_mps, plan.tick_s, maps
-        self._ways = [OwnWay(*about) for _ in self._ids]
+        self._ways = [OwnWay(plan.zones, plan.fence, plan.tick_s, maps) for _ in self._ids]
 
     @property
     def points(self) -> Floats:

@@ -27,7 +27,6 @@ def zones_of(mission: Mission) -> tuple[Zone, ...]:
 
 def among_zones(mission: Mission, heights_m: tuple[float, float]) -> AmongZones:
     """The ways of a mission, lengths in units, between two heights."""
-    unit, vehicle = mission.unit_m, mission.vehicle
+    unit = mission.unit_m
     fence_m = [(n * unit, e * unit) for n, e in mission.fence.polygon or ()]
-    limits, response = vehicle.limits.planned(), vehicle.response.planned()
-    return AmongZones(zones_of(mission), fence_m, response, limits.speed_mps, heights_m)
+    return AmongZones(zones_of(mission), fence_m, heights_m)

@@ -20,7 +20,7 @@ def listen(node: Node, plan: Plan) -> None:
     """Subscribe to what all agents of the plan hear."""
     states = keys.STATE if hears_all(plan) else keys.FAR
     agents = [agent.id for agent in plan.agents]
-    node.listen(states, keys.CLOCK, keys.LAW, keys.BEACON, keys.COMMAND, agents=agents)
+    node.listen(states, keys.CLOCK, keys.BEACON, keys.COMMAND, keys.LAW, agents=agents)
 
 
 def publish(node: Node, actions: Actions, shown: Rim | None = None) -> None:

@@ -38,6 +38,9 @@ class MoveStep(Path):
     def way_m(self) -> tuple[Point, ...]:
         return self.waypoints_m
 
+    def on_way(self, way_m: tuple[Point, ...]) -> MoveStep:
+        return replace(self, waypoints_m=way_m)
+
     def after(self, formation: PlannedFormation) -> PlannedFormation:
         return replace(formation, centre_m=self.waypoints_m[-1])
 

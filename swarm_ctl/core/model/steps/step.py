@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, Self
 
 from swarm_ctl.core.model.formation_frame import STILL, Frame, Motion
 from swarm_ctl.core.model.geometry import Point
@@ -83,6 +83,10 @@ class Step(ABC):
     def way_m(self) -> tuple[Point, ...]:
         """The centre's waypoints; (): the centre stays."""
         return ()
+
+    def on_way(self, way_m: tuple[Point, ...]) -> Self:
+        """The same step with other waypoints of the centre, where it has some."""
+        return self
 
     @property
     def lasts_s(self) -> float | None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.core.model.plan import Fence, Response
+from swarm_ctl.core.model.plan import Fence
 from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.safety.own_way import OwnWay, WayLeg, wish_on
 from swarm_ctl.core.safety.ways import WayMap
@@ -19,7 +19,7 @@ FAR = 40 + 2j
 
 
 def way(*zones: Zone, fence: Fence | None = None) -> OwnWay:
-    return OwnWay(zones, fence, Response(), 5.0, 0.05)
+    return OwnWay(zones, fence, 0.05)
 
 
 def found(of: OwnWay, goal: complex, own: complex = 0j) -> WayLeg:

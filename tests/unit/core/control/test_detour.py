@@ -1,0 +1,76 @@
+"""The way of a move when zones change in flight: one and the same for all agents."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarm_ctl.core.control.detour import Detour
+from swarm_ctl.core.model.formation_frame import Frame
+from swarm_ctl.core.model.plan import Zone
+from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.policies import Policy
+from swarm_ctl.core.model.steps.hold import HoldStep
+from swarm_ctl.core.model.steps.move import MoveStep
+from swarm_ctl.core.safety.among_zones import AmongZones
+from tests.unit.core.builders import plan
+
+PLAN = replace(plan(), fence=None)
+SLOTS = ((0.0, 0.0), (0.0, 1.9), (1.9, 0.0), (1.9, 1.9))
+BEFORE = PlannedFormation(SLOTS, 5.0, (0.0, 0.0), height_m=10.0, formed=True)
+MOVE = MoveStep(((100.0, 0.0), (100.0, 200.0)), 4.0, 0.5, 5.0, 100.0, Policy.LAND)
+metres = st.floats(-40.0, 240.0)
+zones = st.lists(
+    st.builds(
+        Zone, st.just("z"), st.tuples(st.tuples(metres, metres)), st.floats(1, 8), st.just(1.25)
+    ),
+    min_size=1,
+    max_size=4,
+).map(lambda found: tuple(replace(zone, name=f"z{k}") for k, zone in enumerate(found)))
+shares = st.floats(0.0, 1.0)
+
+
+def at(share: float, leg: int) -> Frame:
+    """On its way along the planned move."""
+    (a, b), (c, d) = ((0.0, 0.0), *MOVE.waypoints_m)[leg], MOVE.waypoints_m[leg]
+    return Frame((a + share * (c - a), b + share * (d - b)), leg=leg, rate=1.0)
+
+
+def test_the_mission_s_own_zones_change_nothing() -> None:
+    """And a step without a way is flown as it is, whatever comes."""
+    detour, frame = Detour(PLAN), at(0.5, 0)
+    assert detour.flown(MOVE, BEFORE, PLAN.zones, frame) == (MOVE, frame)
+    hold, pond = HoldStep(5.0, 20.0), (Zone("pond", ((50.0, 0.0),), 5.0, 1.25),)
+    assert detour.flown(hold, BEFORE, pond, frame) == (hold, frame)
+
+
+@given(zones, st.lists(st.tuples(shares, st.integers(0, 1)), min_size=2, max_size=3))
+def test_all_agents_have_one_way_wherever_they_take_the_frame_to_be(
+    found: tuple[Zone, ...], places: list[tuple[float, int]]
+) -> None:
+    """It has the move's own waypoints in their order, and no zone cuts it where it is another one.
+    Each frame goes on to a corner up to the next of these; with the zones gone it is as before."""
+    flown = set()
+    for share, leg in places:
+        detour, frame = Detour(PLAN), at(share, leg)
+        step, now = detour.flown(MOVE, BEFORE, found, frame)
+        flown.add(step)
+        assert now is not None
+        assert now.point_m == frame.point_m
+        assert now.leg <= step.way_m.index(MOVE.waypoints_m[leg])
+        assert detour.flown(step if step is MOVE else MOVE, BEFORE, found, now) == (step, now)
+        again, back = detour.flown(MOVE, BEFORE, PLAN.zones, now)
+        assert again == MOVE
+        assert back is not None
+        assert back.leg <= leg
+    (step,) = flown
+    assert [point for point in step.way_m if point in MOVE.waypoints_m] == [*MOVE.waypoints_m]
+    ends = [complex(*point) for point in ((0.0, 0.0), *MOVE.waypoints_m)]
+    middles = [(complex(*zone.corners_m[0]), zone.radius_m) for zone in found]
+    if step is not MOVE and all(abs(a - b) > r + 12.0 for a in ends for b, r in middles):
+        among = AmongZones.of(replace(PLAN, zones=found), (10.0, 10.0))
+        way = ((0.0, 0.0), *step.way_m)
+        assert not any(among.cut(leg_m) for leg_m in itertools.pairwise(way))
