@@ -368,6 +368,29 @@ def test_a_move_under_way_goes_round_a_zone_that_is_added(by: str) -> None:
     assert swarm.closest_m > 2 * mission.plan.law.r_in * mission.plan.unit_m
 
 
+@pytest.mark.parametrize("east", [5.0, 9.0, 14.0])
+def test_a_zone_that_is_added_over_a_formation_on_its_way_holds_it_up_for_a_moment(
+    east: float,
+) -> None:
+    """Those who are in it leave it, the others keep off, and all come together again behind it."""
+    mission = loads(HEAD + STEPS)
+    swarm = landing_fast(VirtualSwarm(mission))
+    swarm.wait(lambda s: s.in_step(3))
+    swarm.wait(lambda s: max(place[0] for place in s.positions().values()) > 45.0)
+    ordered(swarm, f"zone add pond circle 52 {east} 5")
+    swarm.wait(lambda s: all(m.agent._controller.other_zones for m in s.members.values()))
+    swarm.run(2.0)  # those who come at full speed need this long to stop
+    pond, left = Zone("pond", ((52.0, east),), 5.0, 1.25), dict.fromkeys(range(4), False)
+    while swarm.now < 200.0 and not all(member.ended for member in swarm.members.values()):
+        swarm.tick()
+        for k, (north, east_m, down) in enumerate(swarm.hub.world.positions()):
+            gap = gap_m(pond, north, east_m)
+            left[k] = left[k] or gap > 1.0
+            assert not left[k] or gap > 0.0 or down > -0.5
+    assert set(swarm.outcomes().values()) == {"completed"}
+    assert swarm.closest_m > mission.plan.law.r_in * mission.plan.unit_m
+
+
 def test_a_zone_that_is_lifted_is_flown_over_again() -> None:
     """The mission's own way, which leads round it, is not: a zone of the operator's."""
     mission = loads(HEAD + STEPS)

@@ -219,6 +219,7 @@ class Group:
         flown, frame = self._detour.flown(step, before, zones, reference.frame)
         if frame is not reference.frame:
             reference.join(frame)
+        reference.hemmed = self._detour.hemmed(flown, reference.frame)
         return flown
 
     def formation(

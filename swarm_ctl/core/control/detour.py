@@ -8,6 +8,7 @@ which no way is wide enough keeps its old one, and each agent goes round by itse
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from swarm_ctl.core.model.formation_frame import Frame
@@ -27,6 +28,13 @@ class Detour:
         self._flown: dict[int, tuple[Step, tuple[Zone, ...], Step]] = {}
         """By the step's identity: the step, the zones, and as it was flown with them last."""
         self._joined = False
+        self._hemmed: tuple[Step, int] | None = None
+        """The step, and the leg of it on which a zone that came lies on the formation."""
+
+    def hemmed(self, step: Step, frame: Frame | None) -> bool:
+        """A zone came over the formation, or beside it: its shape is not flown until the frame is
+        out, at the next corner, and each agent goes round by itself."""
+        return frame is not None and self._hemmed == (step, frame.leg)
 
     def join(self) -> None:
         """The frame that comes next is a peer's: it counts the corners as they are now."""
@@ -52,7 +60,9 @@ class Detour:
         self._flown[id(step)] = step, zones, flown
         if frame is not None and flown is not was and not self._joined:
             among = AmongZones.of(replace(self._plan, zones=zones), _heights_m(before))
-            frame = replace(frame, leg=_leg(frame, was.way_m, flown.way_m, before, among), rate=0.0)
+            leg, free = _leg(frame, was.way_m, flown.way_m, before, among)
+            frame = replace(frame, leg=leg, rate=0.0)
+            self._hemmed = None if free else (flown, leg)
         self._joined = False
         return flown, frame
 
@@ -74,10 +84,11 @@ def _leg(
     new_m: tuple[Point, ...],
     before: PlannedFormation,
     among: AmongZones,
-) -> int:
-    """On which leg of the new way a frame goes on that is on a leg of the old one: to the farthest
-    corner, up to the next waypoint that both have, to which all fly straight; where there is none,
-    to the first after the last that both have and that is passed."""
+) -> tuple[int, bool]:
+    """On which leg of the new way a frame goes on that is on a leg of the old one, and whether all
+    fly straight there: to the farthest corner, up to the next waypoint that both have, to which
+    they do; where there is none, to the nearest of those after the last that both have and that is
+    passed."""
     passed = [new_m.index(at) for at in old_m[: frame.leg] if at in new_m]
     ahead = [new_m.index(at) for at in old_m[frame.leg :] if at in new_m]
     first, last = max(passed, default=-1) + 1, min(ahead, default=len(new_m))
@@ -85,5 +96,8 @@ def _leg(
     for k in range(min(last, len(new_m) - 1), first - 1, -1):
         ways = zip(now.places_m(frame.point_m), now.places_m(new_m[k]), strict=True)
         if not any(among.cut(way) for way in ways):
-            return k
-    return min(first, last)
+            return k, True
+    ahead_m = {
+        k: math.dist(frame.point_m, new_m[k]) for k in range(first, min(last + 1, len(new_m)))
+    }
+    return (min(ahead_m, key=lambda k: ahead_m[k]), False) if ahead_m else (len(new_m), True)

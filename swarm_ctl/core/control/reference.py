@@ -72,6 +72,8 @@ class Reference:
         self.motion = STILL
         """Of the frame, since `follow`."""
         self.pinned = own_id
+        self.hemmed = False
+        """A zone that came lies on the formation."""
         self.law_tag = 0
         """Of the own law: a leader with another one may have other zones, and so another way."""
         self.doubted: tuple[int, str] | None = None
@@ -248,7 +250,7 @@ class Reference:
         if path is None:
             self.frame = replace(self.frame, rate=0.0)
             return
-        if step.file is not None and error_m is not None:
+        if (step.file is not None or self.hemmed) and error_m is not None:
             error_m = 0.0  # the shape is not flown: the frame goes ahead
         dt_s, brake = self._plan.tick_s, 0.5 * self._plan.response.acceleration_mps2
         rate = rate_towards(self.frame, path, self.radius_m, error_m, brake, dt_s)
