@@ -41,23 +41,41 @@ def _draw(plan: Plan, axes: Any) -> None:
     for agent, (north, east) in starts.items():
         axes.annotate(str(agent), (east, north), textcoords="offset points", xytext=(5, 5))
     _draw_steps(plan, axes)
-    for zone in plan.zones:
-        axes.fill(*_east_north(zone.outline_m), fc="r", ec="r", alpha=0.2, zorder=1)
-        middle = mean_of(zone.outline_m)[::-1]
-        axes.annotate(zone.name, middle, ha="center", va="center", fontsize="small")
+    _draw_zones(plan, axes)
     if plan.fence is not None and plan.fence.polygon_m:
         corners = [*plan.fence.polygon_m, plan.fence.polygon_m[0]]
         axes.plot(*_east_north(corners), "r--", lw=1, label="geofence")
     axes.set(title=plan.name, xlabel="east of the origin [m]", ylabel="north of the origin [m]")
     axes.set_aspect("equal")
     axes.grid(alpha=0.3)
-    axes.legend(fontsize="small")
+    axes.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
+
+
+def _draw_zones(plan: Plan, axes: Any) -> None:
+    """Each with its name, and its heights where it has them."""
+    for k, zone in enumerate(plan.zones):
+        label = "zone" if k == 0 else None
+        axes.fill(*_east_north(zone.outline_m), fc="r", ec="r", alpha=0.2, zorder=1, label=label)
+        east, north = _east_north(zone.outline_m)
+        low, high = zone.floor_m, zone.ceiling_m
+        heights = "" if low is None else f" from {low:g} m"
+        heights += "" if high is None else f" up to {high:g} m"
+        middle, above = mean_of(zone.outline_m)[::-1], (0.5 * (min(east) + max(east)), max(north))
+        axes.annotate(
+            f"{zone.name}{heights}",
+            above if zone.radius_m else middle,
+            textcoords="offset points",
+            xytext=(0, 2 if zone.radius_m else 0),
+            ha="center",
+            va="bottom" if zone.radius_m else "center",
+            fontsize="small",
+        )
 
 
 def _draw_steps(plan: Plan, axes: Any) -> None:
     """Shapes are drawn where the centre is planned to be: the law alone keeps it only roughly."""
     for at in plan.all_steps():
-        label = f"{at.number} {at.name}"
+        label = f"{at.number} {at.name}{'' if at.step.file is None else ' in file'}"
         if way_m := at.step.way_m:
             axes.plot(*_east_north([at.before.centre_m, *way_m]), lw=1.5, label=label)
         elif at.step.new_shape is not None or at.step.spins:

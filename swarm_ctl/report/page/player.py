@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -99,8 +100,15 @@ def _run(history: RunHistory, entries: Iterable[JournalLine], *, aligned: bool) 
         "curves": _curves(history),
         "links": [[column(i), column(j)] for i, j in history.links],
         "zones": [
-            {"name": z.name, "at": z.outline_m, "floor": z.floor_m, "ceiling": z.ceiling_m}
-            for z in plan.zones
+            {
+                "name": printable(z.name),
+                "at": z.outline_m,
+                "floor": z.floor_m,
+                "ceiling": z.ceiling_m,
+                "since": round(since_s, 1) if math.isfinite(since_s) else None,
+                "until": round(until_s, 1) if math.isfinite(until_s) else None,
+            }
+            for z, since_s, until_s in history.zones()
         ],
         "fence_m": plan.fence.polygon_m if plan.fence else [],
         "steps": _steps(history),

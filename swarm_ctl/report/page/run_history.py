@@ -6,13 +6,14 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from swarm_ctl.core.law.formation import distances
 from swarm_ctl.core.law.graph import edges
 from swarm_ctl.core.model.messages import AgentState, AgentStatus, Payload, SigmaReport
-from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.plan import Plan, Zone
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import RECORDING, read, recover
 from swarm_ctl.recording.mcap_reader import is_whole
@@ -33,6 +34,20 @@ class HeardMessages:
     """(time, distance, sigma) as agent i sees j, by (i, j); units."""
     said: list[tuple[float, Payload]] = field(default_factory=list)
     """(time heard, message) of all of them."""
+
+
+_SILENT_S: Final = 2.0
+"""An agent that was silent for longer at the end of the flight does not say what held there."""
+
+
+class ZoneInForce(NamedTuple):
+    """A zone, and when it held, by the agents' own words twice a second."""
+
+    zone: Zone
+    since_s: float
+    """-inf: from the beginning."""
+    until_s: float
+    """inf: to the end."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +108,21 @@ class RunHistory:
         mean = np.where(there, found, 0.0).sum(axis=1, keepdims=True) / count
         return np.asarray(found - mean)
 
+    def zones(self) -> list[ZoneInForce]:
+        """The plan's, and those that were added in flight: each for as long as an agent said that
+        it holds. A zone that was lifted and added again is there twice."""
+        spans: dict[Zone, list[tuple[float, float]]] = {zone: [] for zone in self.plan.zones}
+        heard = self.heard.statuses.values()
+        end_s = max((said[-1].time_s for said in heard), default=0.0) - _SILENT_S
+        for statuses in heard:
+            for zone, since_s, until_s in _told(statuses, self.plan, end_s):
+                spans.setdefault(zone, []).append((since_s, until_s))
+        if not self.heard.statuses:
+            spans = {zone: [(-np.inf, np.inf)] for zone in self.plan.zones}
+        return [
+            ZoneInForce(zone, *span) for zone, found in spans.items() for span in _joined(found)
+        ]
+
     def first_form_s(self) -> float:
         """When the first form step began; 0 where none did."""
         groups = self.run.groups
@@ -134,6 +164,31 @@ class RunHistory:
         i, j = ends.reshape(-1, 2).T
         lengths = np.linalg.norm(points[:, i] - points[:, j], axis=-1)
         return np.where(live[:, i] & live[:, j], lengths, np.nan)
+
+
+def _told(statuses: list[AgentStatus], plan: Plan, end_s: float) -> Iterator[ZoneInForce]:
+    """By one agent: a zone holds from the status that first names it to the first without it, or to
+    the agent's last word, if that was before `end_s`."""
+    since: dict[Zone, float] = {}
+    for k, status in enumerate(statuses):
+        zones = plan.zones if status.zones is None else status.zones
+        for zone in [zone for zone in since if zone not in zones]:
+            yield ZoneInForce(zone, since.pop(zone), status.time_s)
+        for zone in zones:
+            since.setdefault(zone, status.time_s if k or status.zones is not None else -np.inf)
+    last_s = statuses[-1].time_s
+    for zone, since_s in since.items():
+        yield ZoneInForce(zone, since_s, last_s if last_s < end_s else np.inf)
+
+
+def _joined(spans: list[tuple[float, float]]) -> Iterator[tuple[float, float]]:
+    """The times in which one of these holds, those that overlap as one."""
+    found = list[tuple[float, float]]()
+    for since_s, until_s in sorted(spans):
+        if found and since_s <= found[-1][1]:
+            since_s, until_s = found[-1][0], max(found.pop()[1], until_s)
+        found.append((since_s, until_s))
+    return iter(found)
 
 
 def least(values: Floats) -> Floats:

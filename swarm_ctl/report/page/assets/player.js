@@ -115,6 +115,9 @@
   // ---- views
 
   let time = 0, fresh = true;
+  // A zone that was added or lifted in flight is drawn while it holds.
+  const inForce = (run) => run.zones.filter((zone) =>
+    (zone.since ?? -Infinity) <= time + run.zero_s && time + run.zero_s < (zone.until ?? Infinity));
   const paint = () => { fresh = true; };
 
   function fitted(canvas) {
@@ -288,7 +291,7 @@
       words(pen, "east [m]", width - 52, height - 20, ink.axis);
       words(pen, "north [m]", 3, 14, ink.axis);
       for (const run of runs)
-        for (const zone of run.zones) {
+        for (const zone of inForce(run)) {
           const at = zone.at.map((p) => this.place(...p));
           path(pen, [...at, at[0]], ink.hit, 1);
           pen.globalAlpha = 0.15;
@@ -333,7 +336,7 @@
       }
       const name = (text, n, e) => words(pen, text, ...this.place(n, e, 0).slice(0, 2), ink.axis);
       for (const run of runs)
-        for (const zone of run.zones) {
+        for (const zone of inForce(run)) {
           const ends = [zone.floor ?? 0, zone.ceiling ?? Math.max(zone.floor ?? 0, 0) + reach / 2];
           for (const up of ends)
             path(pen, [...zone.at, zone.at[0]].map((p) => this.place(...p, up)), ink.hit, 1);
