@@ -15,6 +15,7 @@ from swarm_ctl.core.kernel.constraints import Margins, Other, margins_of
 from swarm_ctl.core.kernel.decide import PAIRS, WALLS, Decision, Link, NearWall, Own, decided
 from swarm_ctl.core.kernel.program import Row, violated
 from swarm_ctl.core.kernel.release import NO_RELEASE, SWIRL_OFF, noted, swirled, turned
+from swarm_ctl.core.kernel.walls import FENCE
 from swarm_ctl.core.kernel.wish import limited
 from swarm_ctl.core.law.own_response import OwnResponse
 from swarm_ctl.core.model.messages import SafetyReport
@@ -41,6 +42,8 @@ class SafetyFilter:
         self.estimate = estimate
         self._margins = margins_of(plan.law, vehicle, plan.limits.speed_mps, plan.unit_m)
         self._vehicle = vehicle
+        self._kept = _NOTHING, 0
+        """The wall that forbids the wish, and for how many ticks."""
         self.set_zones(plan.zones)
         self.height_m = self.climbs_m = 0.0
         """Of the vehicle, above the origin, and how far it is to climb: zones end at heights."""
@@ -48,8 +51,6 @@ class SafetyFilter:
         """The vehicle is on a way round a zone: its links may stretch."""
         self.wish = 0j
         """This tick's."""
-        self._kept = _NOTHING, 0
-        """The wall that forbids the wish, and for how many ticks."""
         self.inside = ""
         """The zone that the vehicle is in, by fault or because it is a new one."""
         self.waits = False
@@ -71,6 +72,8 @@ class SafetyFilter:
         """The zones in force from now on."""
         speed_mps = self._plan.limits.speed_mps
         self._surroundings = Surroundings(zones, self._plan.fence, self._vehicle, speed_mps)
+        if self._kept[0] != FENCE:  # another zone may have its number now, or none
+            self._kept = _NOTHING, 0
 
     def report(self) -> SafetyReport:
         """What was changed so far, and because of which aircraft since the last report."""
