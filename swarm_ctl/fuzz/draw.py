@@ -81,6 +81,8 @@ _SWAPS: Final = 0.2
 """Of all missions: their agents change sides."""
 _FAIR: Final = 0.12
 """Of all flights: nothing happens in them, so the forecast has to hold."""
+_REZONED: Final = 0.25
+"""Of the flights that are not fair, beside the orders that are drawn as all happenings are."""
 _TRIES: Final = 200
 _PILOTS: Final = get_args(Pilot)
 
@@ -141,7 +143,37 @@ def _scenario(dice: Dice, wanted: Coverage, name: str, of: Data | None) -> Data:
     steps = [next(iter(step)) if isinstance(step, dict) else step for step in mission["steps"]]
     shapes = [*mission.get("shapes", {})]
     scenario["happens"] = _happenings(dice, wanted, ids, steps, shapes)
+    if dice.chance(_REZONED):
+        scenario["happens"] += _rezoned(dice, mission)
     return scenario
+
+
+def _rezoned(dice: Dice, mission: Data) -> list[Data]:
+    """Orders in flight: a zone where a vehicle may be, or near it; perhaps another one, and perhaps
+    the first one lifted."""
+    metre = 1.0 if mission.get("lengths") == "metres" else mission.get("unit_m", 5.0)
+    found: list[Data] = []
+    at_s = dice.number(4, 45, 1)
+    for name in ("pond", "pole")[: dice.pick((1, 1, 2))]:
+        start = dice.pick(mission["agents"])["start"]
+        north, east = (round(metre * place + dice.signed(0, 7, 1), 1) for place in start)
+        found.append({"at_s": at_s, "order": f"zone add {name} {_outline(dice, north, east)}"})
+        at_s = round(at_s + dice.number(0.1, 20, 1), 1)
+    if dice.chance(0.4):
+        found.append({"at_s": at_s, "order": "zone lift pond"})
+    return found
+
+
+def _outline(dice: Dice, north: float, east: float) -> str:
+    """Of a zone in an order."""
+    size_m = dice.number(0.5, 4.0, 1)
+    wide_m = round(size_m * dice.number(1.0, 3.0, 1), 1)
+    corners = ((-size_m, -wide_m), (-size_m, wide_m), (size_m, wide_m), (size_m, -wide_m))
+    polygon = " ".join(f"{north + n:.1f} {east + e:.1f}" for n, e in corners)
+    circle = f"circle {north:g} {east:g} {size_m:g}"
+    words = dice.pick((circle, f"polygon {polygon}"))
+    words += f" clearance={dice.pick((0.5, 2.0)):g}" if dice.chance(0.2) else ""
+    return words + (f" ceiling={dice.number(2.0, 15.0, 1):g}" if dice.chance(0.2) else "")
 
 
 def _weather(dice: Dice) -> Data:

@@ -21,10 +21,11 @@ import numpy.typing as npt
 from swarm_ctl.core.agent.agent import STATUS_EVERY_S
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Outcome, Phase, StepOutcome
-from swarm_ctl.core.model.plan import Policy
+from swarm_ctl.core.model.plan import Policy, Zone
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.vehicle import MISPLACED_M, OVER_M
 from swarm_ctl.core.safety.fence import inside
+from swarm_ctl.core.safety.surroundings import Outline
 from swarm_ctl.core.swarm.hearing import SMALL_SWARM
 from swarm_ctl.fuzz.seen import FREE_M, Seen
 from swarm_ctl.mission.compile.forecast import forecast
@@ -37,6 +38,10 @@ _OUT_S: Final = 2.0
 """Beyond the fence for longer and farther, a policy has to have acted."""
 _ACTS_S: Final = 6.0
 """After the time of a policy: for the word to come, and the statuses at 2 Hz."""
+_LEAVES_S: Final = 8.0
+_LEAVES: Final = 10.0
+"""A zone that is added over a vehicle is left in so long, and so many times its way out at top
+speed: it leaves at a fifth of that at least, and others are in its way."""
 _MOVES_M: Final = 1.0
 """On the ground, disarmed."""
 _BOUNCES_S: Final = 3.0
@@ -194,21 +199,46 @@ def _fenced(seen: Seen) -> Iterator[str]:
 
 
 def _zoned(seen: Seen) -> Iterator[str]:
-    """By truth, and although its clearance is for errors of its own estimate."""
+    """By truth, and although its clearance is for errors of its own estimate. Who is in a zone that
+    is added in flight, or can't stop before it, has time to leave it."""
     truth = seen.truth
     for agent in set(seen.ids) - seen.elsewhen:
         until_s = min(seen.taken[agent], seen.first(agent, "kill", "stop"))
         counts = seen.airborne(agent) & (truth.time_s < until_s)
         track = seen.track(agent)
-        for zone in seen.plan.zones if seen.plan.safety.filter else ():
-            low, high = zone.floor_m or -math.inf, zone.ceiling_m or math.inf
+        for zone, since_s, lifted_s in seen.zones(agent) if seen.plan.safety.filter else ():
+            low = -math.inf if zone.floor_m is None else zone.floor_m
+            high = math.inf if zone.ceiling_m is None else zone.ceiling_m
+            free_s = _free_s(seen, agent, zone, since_s)
             there = counts & (-track[:, 2] > low) & (-track[:, 2] < high)
+            there &= (truth.time_s >= free_s) & (truth.time_s < lifted_s - STATUS_EVERY_S)
             for k in np.flatnonzero(there).tolist():
                 n, e, d = track[k].tolist()
                 if zone.contains((n, e)):
-                    at = f"({n:.1f}, {e:.1f}), {-d:.1f} m high"
-                    yield f"agent {agent} was in zone {zone.name} at {at}, {truth.time_s[k]:.1f} s"
+                    at = f"({n:.1f}, {e:.1f}), {-d:.1f} m high, {truth.time_s[k]:.1f} s"
+                    since = f", which holds since {since_s:.1f} s" if since_s > 0 else ""
+                    left = f", and had time to leave it until {free_s:.1f} s"
+                    since += left if free_s > since_s else ""
+                    yield f"agent {agent} was in zone {zone.name} at {at}{since}"
                     break
+
+
+def _free_s(seen: Seen, agent: int, zone: Zone, since_s: float) -> float:
+    """From when on an agent is out of a zone that holds since then: at once, but for one that is in
+    it, or so near that it can't stop before it."""
+    truth, plan = seen.truth, seen.plan
+    when = np.abs(truth.time_s - since_s) <= 2.0 * STATUS_EVERY_S
+    corners = [complex(*corner) for corner in zone.corners_m]
+    outline, leaves_s = Outline(corners, zone.radius_m), 0.0
+    late_s = plan.response.dead_time_s + plan.response.lag_s + STATUS_EVERY_S
+    places, speeds = seen.track(agent)[when, :2].tolist(), seen.speed_mps(agent)[when].tolist()
+    for (north, east), v in zip(places, speeds, strict=True):
+        gap_m = min(wall.gap for wall in outline.walls(complex(north, east), 0))
+        stop_m = v * late_s + v * v / plan.response.acceleration_mps2
+        if gap_m < stop_m + zone.clearance_m:
+            way_m = max(0.0, stop_m - gap_m) + zone.clearance_m
+            leaves_s = max(leaves_s, _LEAVES_S + _LEAVES * way_m / plan.limits.speed_mps)
+    return since_s + leaves_s
 
 
 def _acts(seen: Seen, agent: int, at_s: float) -> bool:

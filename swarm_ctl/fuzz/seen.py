@@ -16,6 +16,7 @@ from swarm_ctl.core.model.messages import AgentStatus, CommandKind
 from swarm_ctl.core.model.steps.table import AnyStep
 from swarm_ctl.mission.checks import envelope
 from swarm_ctl.report.folder.truth import EventKind
+from swarm_ctl.report.page.run_history import ZoneInForce, told_by
 from swarm_ctl.virtual.scenario import Happening
 from swarm_ctl.virtual.scenario_flight import FlownScenario, GivenOrder
 
@@ -77,6 +78,13 @@ class Seen:
         for status in self.flown.statuses:
             found[status.agent].append(status)
         return found
+
+    def zones(self, agent: int) -> list[ZoneInForce]:
+        """Those of the plan, and those of the flight, while this agent said that they hold."""
+        said = self.statuses[agent]
+        if not said:
+            return [ZoneInForce(zone, -math.inf, math.inf) for zone in self.plan.zones]
+        return list(told_by(said, self.plan, -math.inf))
 
     @cached_property
     def parameters(self) -> dict[str, float]:

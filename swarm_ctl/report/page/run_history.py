@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -115,7 +115,7 @@ class RunHistory:
         heard = self.heard.statuses.values()
         end_s = max((said[-1].time_s for said in heard), default=0.0) - _SILENT_S
         for statuses in heard:
-            for zone, since_s, until_s in _told(statuses, self.plan, end_s):
+            for zone, since_s, until_s in told_by(statuses, self.plan, end_s):
                 spans.setdefault(zone, []).append((since_s, until_s))
         if not self.heard.statuses:
             spans = {zone: [(-np.inf, np.inf)] for zone in self.plan.zones}
@@ -166,7 +166,7 @@ class RunHistory:
         return np.where(live[:, i] & live[:, j], lengths, np.nan)
 
 
-def _told(statuses: list[AgentStatus], plan: Plan, end_s: float) -> Iterator[ZoneInForce]:
+def told_by(statuses: Sequence[AgentStatus], plan: Plan, end_s: float) -> Iterator[ZoneInForce]:
     """By one agent: a zone holds from the status that first names it to the first without it, or to
     the agent's last word, if that was before `end_s`."""
     since: dict[Zone, float] = {}

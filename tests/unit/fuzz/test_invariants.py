@@ -147,3 +147,34 @@ def with_truth(flight: FlownScenario, **changed: Any) -> FlownScenario:
     """Another truth under the same verdict."""
     assert all(isinstance(value, np.ndarray | tuple) for value in changed.values())
     return replace(flight, truth=replace(flight.truth, **changed))
+
+
+def rezoned(zone: str) -> FlownScenario:
+    """With a zone from about 18 s on, in a hold of half a minute."""
+    orders = [(14, "hold"), (16, zone), (48, "resume")]
+    return flown(", ".join(f'{{at_s: {at}, order: "{line}"}}' for at, line in orders))
+
+
+def test_a_zone_that_is_added_in_flight_is_not_entered() -> None:
+    """Before it holds, and after it is lifted, nobody is in it."""
+    flight = rezoned("zone add pond circle 100 50 3")
+    assert broken(flight) == []
+    since = next(s.time_s for s in flight.statuses if s.zones is not None)
+    for at_s, found in ((since - 3.0, set()), (since + 3.0, {Invariant.ZONED})):
+        places = flight.truth.position_ned_m.copy()
+        k = int(np.searchsorted(flight.truth.time_s, at_s))
+        places[k, 0, :2] = (100.0, 50.0)
+        moved = with_truth(flight, position_ned_m=places)
+        assert kinds(moved) & {Invariant.ZONED} == found
+
+
+def test_who_is_in_a_zone_that_is_added_leaves_it() -> None:
+    """One whose vehicle stays there is found, and not before it had time to leave."""
+    flight = rezoned("zone add pond circle 66 76.6 2")
+    assert broken(flight) == []
+    places = flight.truth.position_ned_m.copy()
+    since = next(s.time_s for s in flight.statuses if s.zones is not None)
+    k = int(np.searchsorted(flight.truth.time_s, since))
+    places[k:, 0] = places[k, 0]
+    (first,) = [b for b in broken(with_truth(flight, position_ned_m=places)) if "zone" in b.text]
+    assert "had time to leave it until" in first.text
