@@ -494,7 +494,9 @@ def _runs_empty(seen: Seen) -> Iterator[str]:
 
 
 def _flies_against_a_pilot(seen: Seen) -> Iterator[str]:
-    """A pilot who takes a vehicle has it: its agent does not fly its mission on."""
+    """A pilot who takes a vehicle has it: its agent does not fly its mission on. A PX4 without
+    sticks refuses a manual mode in flight."""
+    px4 = {entry.id for entry in seen.flown.mission.fleet.agents if entry.autopilot == "px4"}
     for from_s, _, agents, _, pilot in seen.faults if seen.from_start else ():
         for agent in agents if pilot else ():
             before = [s for s in seen.statuses[agent] if s.time_s <= from_s][-1:]
@@ -505,7 +507,8 @@ def _flies_against_a_pilot(seen: Seen) -> Iterator[str]:
                 seen.first(agent, "kill", "stop", "clock"),
                 *(order.at_s for order in seen.orders(agent) if order.at_s > from_s - 1.0),
             )
-            if agent in seen.elsewhen or seen.taken[agent] < from_s:
+            refused = pilot == "manual" and agent in px4
+            if refused or agent in seen.elsewhen or seen.taken[agent] < from_s:
                 continue
             late = [s for s in seen.statuses[agent] if from_s + _ACTS_S < s.time_s < until_s]
             if any(s.phase is Phase.FLY and s.action is None and s.airborne for s in late):
