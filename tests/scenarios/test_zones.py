@@ -14,14 +14,18 @@ from swarm_ctl.commands.build import AgentNow, SwarmNow, build
 from swarm_ctl.commands.parse import parse
 from swarm_ctl.commands.send import CommandSender
 from swarm_ctl.core.kernel.walls import Edge, faced
+from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.core.model.plan import Zone
 from swarm_ctl.core.safety.fence import inside
 from swarm_ctl.core.safety.surroundings import Surroundings
 from swarm_ctl.core.swarm.gain_update import planned
+from swarm_ctl.fuzz.invariants import broken
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
+from swarm_ctl.virtual.scenario import scenario_of
+from swarm_ctl.virtual.scenario_flight import fly_scenario
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from tests.on_demand import on_demand
 from tests.scenarios.swarm import deaf, landing_fast
@@ -404,3 +408,38 @@ def test_a_zone_that_is_lifted_is_flown_over_again() -> None:
     assert abs(middle - 5.0) < 5.0
     swarm.wait(lambda s: all(member.ended for member in s.members.values()))
     assert set(swarm.outcomes().values()) == {"completed"}
+
+
+HOME = """\
+version: 1
+name: home
+mission:
+  version: 1
+  name: home
+  origin: {lat_deg: 47.4, lon_deg: 8.55, alt_m: 450.0}
+  unit_m: 3.0
+  law: {r: 4.5, r_out: 1.5, r_in: 0.48}
+  tick_s: 0.1
+  agents:
+    - {id: 1, start: [1.29, 2.31]}
+    - {id: 2, start: [1.29, 4.33]}
+    - {id: 3, start: [3.31, 2.31]}
+  shapes:
+    one: {kind: line, spacing: 2.34}
+  steps:
+    - takeoff: {height_m: 4.7}
+    - form: {settle_s: 0.6, shape: one}
+    - hold: {duration_s: 1.0}
+    - return: {}
+seed: 860177
+happens:
+  - {at_s: 26.9, order: zone add pond circle 11.3 4.1 3.4 ceiling=5.3}
+"""
+
+
+def test_a_zone_that_is_added_over_a_home_is_not_landed_in() -> None:
+    """As agent 3 comes over its own start: the plan's own zones hold none, so nobody looked."""
+    flown = fly_scenario(*scenario_of(HOME))
+    assert flown.summary.outcome is Outcome.COMPLETED
+    assert any("leaves zone pond before it lands" in event.text for event in flown.events)
+    assert broken(flown) == []

@@ -184,12 +184,14 @@ class Landing:
 
     def _come_down_at_home(self, tick: Tick) -> None:
         """On the own start, which the plan keeps for it, whichever vehicle stands at its own start
-        beside that. One that came down elsewhere is landed beside."""
+        beside that. One that came down elsewhere is landed beside, and so is a zone that was added
+        in flight."""
         self._home_s = tick.now
         astray = [peer.id for peer in self._below(tick) if not self._at_its_start(peer)]
-        if not astray:
+        if not astray and not self._over_zone():
             self._vehicle.land(tick.now)
             self._place_m = self._way_back.home_m
+        if not astray:
             return
         stands = f"{agents_named(astray)} came down beside its start: it lands aside"
         self._log.say(tick.now, Severity.WARNING, f"return: {stands}")
