@@ -84,7 +84,8 @@ def _to_zone(run: RunFolder, k: int, agent: int, spell: ZoneSpell) -> Iterator[Z
     if flight is None:
         return
     time_s, high_m = flight.time_s, -flight.position_ned_m[:, k, 2]
-    low, high = zone.floor_m or -math.inf, zone.ceiling_m or math.inf
+    low = -math.inf if zone.floor_m is None else zone.floor_m
+    high = math.inf if zone.ceiling_m is None else zone.ceiling_m
     counts = flight.airborne[:, k] & (time_s >= spell.from_s) & (time_s < spell.until_s)
     counts &= (high_m >= low) & (high_m <= high) & np.isfinite(flight.points_m[:, k, 0])
     away = np.full(len(time_s), np.inf)
