@@ -443,3 +443,35 @@ def test_a_zone_that_is_added_over_a_home_is_not_landed_in() -> None:
     assert flown.summary.outcome is Outcome.COMPLETED
     assert any("leaves zone pond before it lands" in event.text for event in flown.events)
     assert broken(flown) == []
+
+
+def test_no_zone_is_added_over_a_vehicle_that_stands() -> None:
+    """It would take off inside: the agent refuses, and says what would be allowed; one over which
+    it passes is taken."""
+    swarm = VirtualSwarm(loads(HEAD + STEPS))
+    swarm.run(1.0)
+    with pytest.raises(AssertionError, match=r"agent 1 would take off in zone shed; allowed: a zo"):
+        ordered(swarm, "zone add shed circle 1 0 4")
+    swarm.run(2.0)
+    ordered(swarm, "zone add cloud circle 1 0 4 floor=40")
+    swarm.run(2.0)
+    zones = [member.agent._controller.zones for member in swarm.members.values()]
+    assert [[zone.name for zone in each] for each in zones] == [["cloud"]] * 4
+
+
+def test_a_return_that_a_zone_holds_up_names_it() -> None:
+    """A wall across the fence comes between the agents and their starts: they say at once that
+    they have no way, and the time-out says it again."""
+    fence = "fence: {polygon: [[-8, -14], [30, -14], [30, 18], [-8, 18]], height_m: 40}\n"
+    steps = STEPS.replace("- land", "- hold: {duration_s: 5}\n  - return: {timeout_s: 60}")
+    swarm = landing_fast(VirtualSwarm(loads(HEAD + fence + steps)))
+    swarm.wait(lambda s: s.in_step(4))
+    ordered(swarm, "zone add r polygon 50 -90 52 -90 52 110 50 110")
+    swarm.wait(lambda s: s.in_step(5))
+    begun_s = swarm.now
+    swarm.wait(lambda s: all(member.ended for member in s.members.values()))
+    said = [event for event in swarm.events if event.text == "has no way past zone r"]
+    assert sorted(event.agent for event in said) == [1, 2, 3, 4]
+    assert max(event.time_s for event in said) < begun_s + 30.0
+    reasons = {member.ended.reason for member in swarm.members.values() if member.ended}
+    assert any("timed out after 60 s" in why and "no way past zone r" in why for why in reasons)

@@ -25,7 +25,7 @@ from swarm_ctl.core.agent.steering import NO_FIX, Course, Intent, Steering
 from swarm_ctl.core.agent.step_executor import StepExecutor
 from swarm_ctl.core.agent.takeover import Takeover
 from swarm_ctl.core.agent.tick import Attention, HeardStation, Tick
-from swarm_ctl.core.control.controller import Controller
+from swarm_ctl.core.control.controller import NO_WAY, Controller
 from swarm_ctl.core.control.navigation import Navigator, OwnFix
 from swarm_ctl.core.law.formation_law import FormationLaw
 from swarm_ctl.core.model.messages import (
@@ -59,6 +59,8 @@ from swarm_ctl.core.swarm.plausibility import Doubt, Suspicion
 _STANDS_MPS = 0.5
 STATUS_EVERY_S: Final = 0.5
 _SIGMA_EVERY_S = 0.2
+_HINDRANCE_S = 30.0
+"""A step that times out names what kept the vehicle from its place so long ago."""
 _LINGER_S = 2.0
 """After the end an agent goes on saying so, and gives the vehicle its parameters back."""
 _RELEASE_AT_MOST_S = 5.0
@@ -161,6 +163,10 @@ class Agent:
         self._notes: list[ParameterNote] = []
         self._told_to_end = ""
         self._phase, self._reason, self._waits = Phase.CONNECT, "", ""
+        self._hindrance = "", -math.inf
+        """What kept the vehicle from its place last, and when."""
+        self._no_way = 0, ""
+        """The step in which it was said last that there is no way, and how."""
         self._inside = ""
         """The zone that the vehicle is in."""
         self._shape = self._group.reference.shape
@@ -395,7 +401,7 @@ class Agent:
             accepted=group.accepted,
             fell=own.fell(tick.now),
             sunk_s=own.sunk_s(tick.now),
-            waits=self._waits,
+            waits=self._waits_for(tick.now),
             leads=lambda: group.leads(tick, stop_point_m),
         )
 
@@ -417,11 +423,30 @@ class Agent:
         if inside and inside != self._inside:
             self._log.say(tick.now, Severity.WARNING, f"is in {inside}, and leaves it")
         self._inside = inside
-        if not self._reason and decision.phase in (Phase.FLY, Phase.RETURN):
-            self._reason = self._hindered(tick)
+        returns = decision.phase is Phase.RETURN
+        if returns or (decision.phase is Phase.FLY and not self._reason):
+            self._note_hindrance(tick, also=returns)
         if self._interruption.trigger is None:
             self._waits = self._reason
         return decision
+
+    def _note_hindrance(self, tick: Tick, *, also: bool) -> None:
+        """What keeps the vehicle from its place is the reason, `also` behind another one; that
+        there is no way is said at once."""
+        found = self._hindered(tick)
+        said = self._group.progress.step, found
+        if found.startswith(NO_WAY) and self._no_way != said:
+            self._no_way = said
+            self._log.say(tick.now, Severity.WARNING, found)
+        if found:
+            self._hindrance = found, tick.now
+            self._reason = f"{self._reason}; {found}" if also and self._reason else found
+
+    def _waits_for(self, now: float) -> str:
+        """Why it waits, or what kept it from its place a moment ago; ''."""
+        found, last_s = self._hindrance
+        recent = last_s > max(self._group.progress.started_s, now - _HINDRANCE_S)
+        return self._waits or (found if recent else "")
 
     def _hindered(self, tick: Tick) -> str:
         """What keeps the vehicle from its place: a zone, or the fence, and who has led it there."""

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from swarm_ctl.core.agent.progress import Progress
+from swarm_ctl.core.agent.return_to_launch import highest_m
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.messages import ABOUT, ENDING, Ack, Command, CommandKind, Departure, Phase
 from swarm_ctl.core.model.plan import Plan
@@ -21,6 +22,7 @@ from swarm_ctl.core.model.steps.hold import HoldStep
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.model.text import printable
 from swarm_ctl.core.safety.fence import outside
+from swarm_ctl.core.safety.surroundings import Surroundings
 from swarm_ctl.core.swarm import gain_update
 from swarm_ctl.core.swarm.command_origin import CommandOrigins
 from swarm_ctl.core.swarm.in_plan import InPlan
@@ -33,6 +35,7 @@ _LONGEST_REASON: Final = 500
 """Characters, whatever a command brings along; answers are kept, and sent."""
 _FOREVER_S: Final = 1e9
 _OVER: Final = (Phase.YIELD, Phase.ENDED)
+_ON_START: Final = (Phase.CONNECT, Phase.PREPARE, Phase.ARM, Phase.TAKEOFF)
 _STILL: Final = (CommandKind.KILL, CommandKind.RESUME, *ABOUT)
 """What an agent that no longer flies its vehicle still obeys."""
 _AT_ANY_TIME: Final = (*ENDING, *ABOUT)
@@ -143,10 +146,27 @@ class CommandHandler:
         if self._id in self.expelled and command.kind not in _AT_ANY_TIME:
             return f"agent {self._id} is expelled; allowed now: readmit, land, return, kill"
         if check is None:
-            return self.gain_update.refusal(command, situation.peers)
+            why = self.gain_update.refusal(command, situation.peers)
+            early = situation.phase in _ON_START
+            return why or (self._over_start(command, situation.plan) if early else "")
         if command.kind not in _AT_ANY_TIME and command.time_s < self._newest_s:
             return "a newer command is in force"
         return check(command, situation)
+
+    def _over_start(self, command: Command, plan: Plan) -> str:
+        """The zone that the vehicle would be in that stands on its start or climbs over it; ''."""
+        zones = command.tuning.zones if command.tuning else None
+        if not zones:
+            return ""
+        around = Surroundings(zones, None, plan.response, plan.limits.speed_mps)
+        start = complex(*plan.agent(self._id).start) * plan.unit_m
+        for wall, margins in around.near(start, 0.0, highest_m(plan, self._id)):
+            if wall.gap < margins.keep:
+                name, keep = around.name(wall.about), margins.keep
+                where = f"in {name}" if wall.gap < 0.0 else f"{wall.gap:.1f} m from {name}"
+                allowed = f"a zone at least {keep:.1f} m from the starts until all have taken off"
+                return f"agent {self._id} would take off {where}; allowed: {allowed}"
+        return ""
 
     def _obey(self, command: Command, situation: AgentSituation, leg: int) -> None:
         if command.kind in ENDING:

@@ -323,7 +323,8 @@ class Landing:
         if stopped and tick.now - self._begun_s > self._return_at_most_s:
             return f"it took more than {self._return_at_most_s:.0f} s"
         if self._way_back.blocked:
-            return "something stands in its way home"
+            hindered = self._controller.hindered
+            return f"it {hindered}" if hindered else "something stands in its way home"
         if not deserted(tick.peers):
             self._deserted_since = None
             return ""

@@ -126,6 +126,14 @@ def in_the_air(state: AgentState) -> bool:
     return state.airborne and state.phase is not Phase.ENDED
 
 
+def highest_m(plan: Plan, agent_id: int) -> float:
+    """Up to which height above the origin the vehicle flies over its start."""
+    steps = plan.group_of(agent_id).steps
+    up_m = max((step.climbs_to_m or 0.0 for step in steps), default=0.0)
+    returns = any(step.goes_home for step in steps)
+    return max(up_m, return_height_m(plan, agent_id)) if returns else up_m
+
+
 def return_height_m(plan: Plan, agent_id: int) -> float:
     """Height above the take-off point on the way back: the mission's, or what flies over vehicles
     on the ground, and one of three layers above it, a separation apart as far as the fence allows.

@@ -7,6 +7,7 @@ Horizontal vectors inside are complex numbers north + 1j * east [m, m/s].
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 
@@ -35,6 +36,8 @@ _ROOM_M = 0.5
 """Beyond the room that is to be made, at 1 m/s a metre: else the last of it takes for ever."""
 _SKIPPED = 10
 """Ticks: after more of them the vehicle itself has stopped (`SETPOINT_TIMEOUT_S`)."""
+
+NO_WAY: Final = "has no way past"
 
 
 class Controller:
@@ -238,7 +241,7 @@ class Controller:
         heights = sorted((-self._down_m, self.safety_filter.climbs_m - self._down_m))
         leg = self._way.leg(complex(*self.point_m), to, *heights)
         self.safety_filter.loose = bool(leg.round)
-        verb = "goes round" if leg.exists else "has no way past"
+        verb = "goes round" if leg.exists else NO_WAY
         self._round = f"{verb} {leg.round}" if leg.round else ""
         return leg
 

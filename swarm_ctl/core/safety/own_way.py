@@ -68,6 +68,8 @@ class OwnWay:
         """For a way, while it is under way."""
         self._again = 0
         """No way is looked for again before this call."""
+        self._none = False
+        """The last search has found no way."""
         self._way: list[complex] = []
         self._leg: WayLeg | None = None
         self._goal = 0j
@@ -82,7 +84,7 @@ class OwnWay:
         leg = self._leg
         moved = abs(goal - self._goal) > _MOVED_M
         if moved:
-            self._search, self._again = None, 0
+            self._search, self._again, self._none = None, 0, False
         if leg is None or moved or self._search or self._calls % self._every == 0:
             leg = self._leg = self._looked(own, goal, low_m, high_m)
             self._goal = goal
@@ -98,7 +100,7 @@ class OwnWay:
             self._maps[zones] = self._map(zones)
         ways, here, there = self._maps[zones], _point(own), _point(goal)
         if ways.open_line(here, there, _TOUCHES_M):
-            self._way, self._search = [], None
+            self._way, self._search, self._none = [], None, False
             return WayLeg(goal, abs(goal - own), "")
         cut = ways.cut_by(here, there)
         fenced = cut is None or cut >= len(zones)
@@ -111,11 +113,12 @@ class OwnWay:
                     return WayLeg(own, 0.0, name, exists=False)
                 self._search, self._way = ways.search(here, there), []
         if self._search is not None and not self._searched():
-            return WayLeg(own, 0.0, name)
+            return WayLeg(own, 0.0, name, exists=not self._none)
         way = self._way
         while len(way) > 1 and ways.open_line(here, _point(way[1]), _TOUCHES_M):
             way = way[1:]
         self._way = way
+        self._none = not way
         if not way:
             self._again = self._calls + round(_AGAIN_S / _LOOKS_S) * self._every
             return WayLeg(own, 0.0, name, exists=False)

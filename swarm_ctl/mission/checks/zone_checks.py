@@ -5,10 +5,10 @@ from __future__ import annotations
 import itertools
 import math
 
-from swarm_ctl.core.agent.return_to_launch import return_height_m
+from swarm_ctl.core.agent.return_to_launch import highest_m, return_height_m
 from swarm_ctl.core.kernel.decide import NearWall
 from swarm_ctl.core.kernel.walls import FENCE
-from swarm_ctl.core.model.plan import AgentPlan, Plan, PlannedStep, Point
+from swarm_ctl.core.model.plan import Plan, PlannedStep, Point
 from swarm_ctl.core.safety.among_zones import AmongZones
 from swarm_ctl.core.safety.fence import area, crossing_edges
 from swarm_ctl.core.safety.surroundings import Surroundings
@@ -63,19 +63,11 @@ def starts(plan: Plan) -> list[Mistake]:
     around, found = Surroundings.of(plan), list[Mistake]()
     for k, agent in enumerate(plan.agents):
         at = (agent.start[0] * plan.unit_m, agent.start[1] * plan.unit_m)
-        near = _too_near(around, at, 0.0, _highest_m(plan, agent))
+        near = _too_near(around, at, 0.0, highest_m(plan, agent.id))
         if near is not None and (near.wall.about != FENCE or near.wall.gap > 0.0):
             what = f"agent {agent.id} starts {_says(around, near)}"
             found.append(Mistake(("agents", k, "start"), what, _needs(near)))
     return found
-
-
-def _highest_m(plan: Plan, agent: AgentPlan) -> float:
-    """Up to which height the vehicle flies over its start."""
-    steps = plan.group_of(agent.id).steps
-    up_m = max((step.climbs_to_m or 0.0 for step in steps), default=0.0)
-    returns = any(step.goes_home for step in steps)
-    return max(up_m, return_height_m(plan, agent.id)) if returns else up_m
 
 
 def on_its_way(at: PlannedStep, place: Place) -> list[Mistake]:
