@@ -22,12 +22,14 @@ from swarm_ctl.core.safety.fence import inside
 Floats: TypeAlias = NDArray[np.float64]
 Bools: TypeAlias = NDArray[np.bool_]
 Points: TypeAlias = NDArray[np.complex128]
+Indices: TypeAlias = NDArray[np.intp]
 
 _ROUND: Final = 12
 """Nodes around a circle, and as dense around corners."""
 AROUND: Final = 1.0 / math.cos(math.pi / _ROUND)
 """A node beside a corner is so much farther off than what is kept, by this factor."""
 BESIDE_M: Final = 0.05
+_ROUNDING_M: Final = 1e-6
 _LONGER: Final = 1.45
 """Two nodes beside a corner become one where the way there is not much longer: a right angle's."""
 _CORNER_M: Final = 10.0
@@ -60,14 +62,21 @@ class WayMap:
         self._last = np.concatenate([np.roll(each, -1) for each in ends])
         self._reach = np.array([reach for each, reach in walls for _ in each])
         self._owner = [k for k, (each, _) in enumerate(walls) for _ in each]
+        # looked at together: the sides of a zone; each side of the fence by itself
+        counts = [*map(len, self._zones), *(1 for _ in self._fence)]
+        ends_at = [0, *itertools.accumulate(counts)]
+        groups = [range(a, b) for a, b in itertools.pairwise(ends_at)]
+        within = [self._within(list(group)) for group in groups]
+        self._middles = np.array([middle for middle, _ in within], dtype=np.complex128)
+        self._ranges = np.array([far for _, far in within]) ** 2
+        self._group = np.array([k for k, group in enumerate(groups) for _ in group], dtype=np.intp)
         nodes = np.concatenate([_around(*wall, beside_m) for wall in walls] or [_NO_POINTS])
         self._nodes = nodes[self.free(nodes)] if len(nodes) else nodes
         self._seen: dict[int, list[tuple[int, float]]] = {}
 
     def free(self, points: Points) -> Bools:
         """(k,): inside the fence, outside of all zones, and far enough from both."""
-        gaps = _gaps(points, points, self._first, self._last)
-        found: Bools = np.all(gaps > self._reach - 1e-9, axis=1)
+        found: Bools = np.all(self._away(points) > _squares(self._reach), axis=1)
         for corners in self._zones:
             if len(corners) > 2:
                 found &= ~_inside(corners, points)
@@ -77,10 +86,7 @@ class WayMap:
 
     def sees(self, point: complex, others: Points) -> Bools:
         """(k,): the straight line between them is free, if its ends are."""
-        start = np.full(len(others), point)
-        gaps = _gaps(start, others, self._first, self._last)
-        clear: Bools = np.all(gaps > self._reach - 1e-9, axis=1)
-        return clear
+        return self._off(point, others, self._reach, free=True)
 
     def shortest(self, start: Point, goal: Point) -> list[Point] | None:
         """The corners of the shortest way, both ends included; None where there is none. An end
@@ -158,17 +164,17 @@ class WayMap:
     def open_line(self, start: Point, goal: Point, spare_m: float = 0.0) -> bool:
         """The straight line keeps off all walls but for `spare_m`, or comes no nearer to them than
         its ends are."""
-        a, b = np.array([complex(*start)]), np.array([complex(*goal)])
-        first, last = self._first, self._last
-        least = np.minimum(_gaps(a, a, first, last)[0], _gaps(b, b, first, last)[0])
-        clear = _gaps(a, b, first, last)[0] > np.minimum(self._reach - spare_m, least) - 1e-9
-        return bool(clear.all())
+        ends = np.array([complex(*start), complex(*goal)])
+        _, near, gaps = self._near(complex(*start), ends[1:])
+        least = np.sqrt(_squared(ends[:, None], self._first[near], self._last[near]).min(axis=0))
+        return bool(np.all(gaps > _squares(np.minimum(self._reach[near] - spare_m, least))))
 
     def cut_by(self, start: Point, goal: Point) -> int | None:
         """Which outline is the first on the straight line, by its index, that of the fence being
         behind the last; None: none is."""
-        a, b = np.array([complex(*start)]), np.array([complex(*goal)])
-        cut = np.flatnonzero(_gaps(a, b, self._first, self._last)[0] <= self._reach)
+        a = complex(*start)
+        _, near, gaps = self._near(a, np.array([complex(*goal)]))
+        cut = near[gaps <= self._reach[near] ** 2]
         if not len(cut):
             return None
         away = np.abs(0.5 * (self._first[cut] + self._last[cut]) - a)
@@ -184,11 +190,8 @@ class WayMap:
         at = np.array([point])
         if not len(nodes) or self.free(at)[0]:
             return self.sees(point, nodes)
-        own = _gaps(at, at, self._first, self._last)[0]
-        start = np.full(len(nodes), point)
-        gaps = _gaps(start, nodes, self._first, self._last)
-        clear: Bools = np.all(gaps > np.minimum(self._reach, own) - 1e-9, axis=1)
-        return clear
+        least = np.minimum(self._reach, np.sqrt(self._away(at)[0]))
+        return self._off(point, nodes, least)
 
     def _from(self, k: int) -> list[tuple[int, float]]:
         """The nodes that a node sees, and how far each is."""
@@ -198,6 +201,45 @@ class WayMap:
             away = np.abs(nodes[further] - at)
             self._seen[k] = list(zip(further.tolist(), away.tolist(), strict=True))
         return self._seen[k]
+
+    def _away(self, points: Points) -> Floats:
+        """(k, m): squared distance [m2] of points (k,) from walls (m,)."""
+        return _squared(points[:, None], self._first, self._last)
+
+    def _within(self, walls: list[int]) -> tuple[complex, float]:
+        """A circle around these walls and all that is kept off them."""
+        corners = self._first[[*walls, walls[-1]]]
+        corners[-1] = self._last[walls[-1]]
+        middle = complex(corners.mean())
+        far = float(np.abs(corners - middle).max() + self._reach[walls].max())
+        return middle, far + _ROUNDING_M
+
+    def _off(self, a: complex, b: Points, least: Floats, *, free: bool = False) -> Bools:
+        """(k,): lines from a to b (k,) that keep so far off the walls (m,). `free`: their ends are
+        known to."""
+        lines, walls, gaps = self._near(a, b, free=free)
+        clear = np.ones(len(b), dtype=np.bool_)
+        clear[lines[gaps <= _squares(least)[walls]]] = False
+        return clear
+
+    def _near(
+        self, a: complex, b: Points, *, free: bool = False
+    ) -> tuple[Indices, Indices, Floats]:
+        """Each line from a to b (k,) with each wall that it may touch: both by index, and their
+        squared distance [m2]; 0 where they cross. `free`: the ends are known to be.
+
+        Squares, and most walls by the circle around their zone alone: a flight looks at all walls
+        several times a second.
+        """
+        may = _squared(self._middles, np.array(a), b[:, None]) <= self._ranges
+        lines, walls = np.nonzero(may[:, self._group])
+        start, end, c, d = np.array(a), b[lines], self._first[walls], self._last[walls]
+        gaps = np.minimum(_squared(c, start, end), _squared(d, start, end))
+        if not free:
+            gaps = np.minimum(gaps, np.minimum(_squared(start, c, d), _squared(end, c, d)))
+        crossing = _side(start, end, c) * _side(start, end, d) < 0
+        crossing &= _side(c, d, start) * _side(c, d, end) < 0
+        return lines, walls, np.where(crossing, 0.0, gaps)
 
 
 _NO_POINTS: Final = np.zeros(0, dtype=np.complex128)
@@ -218,29 +260,34 @@ def _around(corners: Points, reach: float, beside_m: float) -> Points:
 
 def _inside(corners: Points, points: Points) -> Bools:
     polygon = [(float(corner.real), float(corner.imag)) for corner in corners]
-    return np.array([inside(polygon, (p.real, p.imag)) for p in points.tolist()], dtype=np.bool_)
+    north, east = corners.real, corners.imag
+    found: Bools = (points.real >= north.min()) & (points.real <= north.max())
+    found &= (points.imag >= east.min()) & (points.imag <= east.max())
+    for k in np.flatnonzero(found).tolist():
+        found[k] = inside(polygon, (float(points[k].real), float(points[k].imag)))
+    return found
 
 
-def _gaps(a: Points, b: Points, c: Points, d: Points) -> Floats:
-    """(k, m): distance of the lines from a to b (k,) and from c to d (m,); 0 where they cross."""
-    a, b, c, d = a[:, None], b[:, None], c[None, :], d[None, :]
-    gaps: Floats = np.minimum(
-        np.minimum(_to(a, c, d), _to(b, c, d)), np.minimum(_to(c, a, b), _to(d, a, b))
-    )
-    crossing = (_side(a, b, c) * _side(a, b, d) < 0) & (_side(c, d, a) * _side(c, d, b) < 0)
-    return np.where(crossing, 0.0, gaps)
+def _squares(reach: Floats) -> Floats:
+    """Signed squares of what is kept, less a rounding: where that is nothing, all is free."""
+    least = reach - 1e-9
+    return least * np.abs(least)
 
 
-def _to(p: Points, a: Points, b: Points) -> Floats:
-    """Distance of points from lines."""
-    way = b - a
-    squared = np.maximum((way * way.conj()).real, 1e-300)
-    share = np.clip(((p - a) * way.conj()).real / squared, 0.0, 1.0)
-    return np.abs(p - a - share * way)
+def _squared(p: Points, a: Points, b: Points) -> Floats:
+    """Squared distance [m2] of points from lines."""
+    north, east = b.real - a.real, b.imag - a.imag
+    off_n, off_e = p.real - a.real, p.imag - a.imag
+    length = np.maximum(north * north + east * east, 1e-300)
+    share = np.minimum(np.maximum((off_n * north + off_e * east) / length, 0.0), 1.0)
+    off_n, off_e = off_n - share * north, off_e - share * east
+    squares: Floats = off_n * off_n + off_e * off_e
+    return squares
 
 
 def _side(a: Points, b: Points, p: Points) -> Floats:
-    return ((b - a).conj() * (p - a)).imag
+    sides: Floats = (b.real - a.real) * (p.imag - a.imag) - (b.imag - a.imag) * (p.real - a.real)
+    return sides
 
 
 def _meeting(a: complex, b: complex, c: complex, d: complex) -> complex | None:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 import random
+from collections.abc import Sequence
 
 import pytest
 
 from swarm_ctl.core.kernel.walls import Edge, faced
 from swarm_ctl.core.model.geometry import Point
+from swarm_ctl.core.safety.fence import inside
 from swarm_ctl.core.safety.ways import WayMap
 
 KEEP_M = 1.75
@@ -35,6 +37,18 @@ def least_m(way: list[Point], outlines: list[Outline]) -> float:
                 edges = [Edge(complex(*c), complex(*d), radius) for c, d in ends]
                 found = min(found, *(faced(edge, at)[1] for edge in edges))
     return found
+
+
+def room_m(a: Point, b: Point, corners: Sequence[Point], *, within: bool = False) -> float:
+    """The least distance of points of a line from an outline; under 0 in it, or out of it."""
+    ends = list(zip(corners, (*corners[1:], corners[0]), strict=True))
+    least = math.inf
+    for k in range(101):
+        at = complex(*a) + (complex(*b) - complex(*a)) * k / 100
+        gap = min(faced(Edge(complex(*c), complex(*d), 0.0), at)[1] for c, d in ends)
+        holds = len(corners) > 2 and inside(corners, (at.real, at.imag))
+        least = min(least, gap if holds is within else -gap)
+    return least
 
 
 def test_a_free_line_is_the_way() -> None:
@@ -94,3 +108,28 @@ def test_an_end_that_is_too_near_is_left_outwards() -> None:
         way = ways.shortest(start, (50.0, 0.0))
         assert way is not None
         assert math.dist(way[1], (25, 0)) >= math.dist(start, (25, 0))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_line_is_free_where_no_point_of_it_comes_too_near(seed: int) -> None:
+    """Among circles, polygons and a fence with a notch: as one that looks at points of it has
+    found, but for lines that only just touch. The first wall on a line is one that it touches."""
+    dice, walls = random.Random(seed), list[Outline]()
+    for _ in range(12):
+        north, east = dice.uniform(0, 80), dice.uniform(0, 80)
+        wide, high = dice.uniform(2, 14), dice.uniform(2, 14)
+        corners = ((north, east), (north + wide, east), (north, east + high))
+        walls.append(tree(north, east, 2.0) if dice.random() < 0.5 else (corners, 0.0, KEEP_M))
+    fence = ((-10.0, -10.0), (90.0, -10.0), (45.0, 20.0), (90.0, 90.0), (-10.0, 90.0))
+    ways, told = WayMap(walls, fence, KEEP_M), set[bool]()
+    for _ in range(40):
+        a, b = ((dice.uniform(-5, 85), dice.uniform(-5, 85)) for _ in range(2))
+        rooms = [room_m(a, b, corners) - radius for corners, radius, _ in walls]
+        room = min(*rooms, room_m(a, b, fence, within=True))
+        if abs(room - KEEP_M) > 0.1:
+            assert ways.free_line(a, b) is (room > KEEP_M)
+            told.add(room > KEEP_M)
+        first = ways.cut_by(a, b)
+        if first is not None and first < len(walls):
+            assert rooms[first] < KEEP_M + 0.1
+    assert told == {True, False}
