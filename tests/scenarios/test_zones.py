@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -23,7 +24,7 @@ from swarm_ctl.fuzz.invariants import broken
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryTransport
 from swarm_ctl.mesh.node import Node
-from swarm_ctl.mission.compile.loader import LoadedMission, loads
+from swarm_ctl.mission.compile.loader import LoadedMission, load, loads
 from swarm_ctl.virtual.scenario import scenario_of
 from swarm_ctl.virtual.scenario_flight import fly_scenario
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
@@ -105,6 +106,18 @@ def test_a_formation_moves_through_a_drawn_wood(seed: int) -> None:
     mission = loads(HEAD + zones + STEPS)
     least, swarm = least_m(mission, seed)
     assert min(least.values()) > 1.25, least
+    assert set(swarm.outcomes().values()) == {"completed"}
+    assert swarm.closest_m > mission.plan.law.r_in * mission.plan.unit_m
+
+
+def test_the_ready_mission_through_a_wood() -> None:
+    """In file through the hedge's gate, and together past the pine: all steps, clear of all zones.
+    Twenty seeds with real processes: `tests/system/test_lockstep.py`, on demand."""
+    mission = load(Path(__file__).parents[2] / "missions" / "wood.yaml")
+    least, swarm = least_m(mission, 1)
+    kept = {zone.name: zone.clearance_m for zone in mission.plan.zones}
+    del kept["hut"]  # flown over
+    assert all(least[name] > clearance_m for name, clearance_m in kept.items()), least
     assert set(swarm.outcomes().values()) == {"completed"}
     assert swarm.closest_m > mission.plan.law.r_in * mission.plan.unit_m
 

@@ -20,9 +20,12 @@ from swarm_ctl.virtual.virtual_swarm import VirtualSwarm, configuration
 from swarm_sim.network.server import DRAIN_S
 from swarm_sim.world.truth_file import TruthFile
 from swarm_sim.world.truth_recorder import TruthRecorder
+from tests.on_demand import on_demand
 from tests.system.conftest import Typed
 from tests.system.running import HEXAGON, LOW, ROOT, Running
 from tests.system.test_run import assert_apart, assert_truth_ends_on_the_ground
+
+WOOD = ROOT / "missions" / "wood.yaml"
 
 pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(300)]
 
@@ -132,6 +135,20 @@ def random_faults(seed: int) -> str:
         for kind in draw.sample(kinds, draw.randrange(1, 4))
     ]
     return "\nsimulation:\n  faults:\n" + "".join(f"    - {json.dumps(f)}\n" for f in faults)
+
+
+@pytest.mark.parametrize("seed", [on_demand(seed) for seed in range(1, 21)])
+def test_the_wood(tmp_path: Path, seed: int) -> None:
+    """All steps of the mission among zones: by the simulator's truth none comes nearer to one than
+    its clearance, and no two come under r_in. One flight of it is in every run, on the virtual
+    clock (`tests/scenarios/test_zones.py`)."""
+    with Running("run", WOOD, *MAX, "--seed", str(seed), cwd=tmp_path) as running:
+        assert running.wait(280) == 0, running.output
+        running.assert_nothing_left()
+    summary = running.summary()
+    assert [step["result"] for step in summary["steps"]] == ["done"] * 6
+    assert summary["nearest_zone"]["distance_m"] > 1.25
+    assert summary["min_true_distance_m"] > summary["r_in_m"]
 
 
 @pytest.mark.long
