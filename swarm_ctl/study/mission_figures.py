@@ -47,6 +47,7 @@ def draw_mission(flown: Rerun, path: Path) -> None:
     made, axes = figure(title, 5.2, 4.8)
     tracks = flown.trace.positions()
     trajectories(axes, tracks, agent_names(tracks.shape[2]), hull_order(flown.batch.slots[..., 0]))
+    _draw_wood(flown.batch, axes)
     if path.suffix != ".gif":
         made.savefig(path, dpi=150)
         return
@@ -65,6 +66,18 @@ def draw_mission(flown: Rerun, path: Path) -> None:
         return dots
 
     FuncAnimation(made, show, frames=chosen.tolist()).save(path, writer=PillowWriter(fps=20))
+
+
+def _draw_wood(batch: Batch, axes: Axes) -> None:
+    """Trunks, and the way that all follow."""
+    wood = batch.woods[0]
+    if wood is None:
+        return
+    for at, radius in zip(wood.at.tolist(), wood.radius.tolist(), strict=True):
+        axes.add_patch(Circle((at.imag, at.real), radius, color="#3b7d3b", alpha=0.6, zorder=0))
+    way = wood.way_m / batch.cell.unit_m
+    axes.plot(way.imag, way.real, "--", linewidth=1.0, color="#555555", zorder=1)
+    axes.relim()
 
 
 def start_picture(batch: Batch, folder: Path, name: str, title: str) -> None:

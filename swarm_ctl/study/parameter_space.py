@@ -38,11 +38,12 @@ it)."""
 LEVELS: Final[tuple[SafetyLevel, ...]] = ("off", "filter", "guard", "release", "align", "exchange")
 VehicleModel = Literal["ideal", "lag", "ardupilot", "px4"]
 Spread = Literal["mission", "agent"]
+WoodKind = Literal["none", "trunks", "gate", "trap"]
 
 MODEL: Final = ("model_lag_s", "model_dead_time_s", "model_acceleration_mps2")
 LISTS: Final = (
     *("n", "shape", "slots", "start", "compensation", "vehicle", "safety"),
-    *("speed_mps", "spread", *MODEL),
+    *("speed_mps", "spread", *MODEL, "wood"),
 )
 AGENT_RANGES: Final = (
     *("lag_s", "dead_time_s", "acceleration_mps2", "delay_s", "late_s"),
@@ -55,7 +56,9 @@ FIRST_RANGES: Final = (
 )
 LATER_RANGES: Final = ("acceleration_mps2", "jitter_s", "burst_s", "silent_agents", "late_s")
 """Drawn after all else: so a new one leaves the missions of older studies as they were."""
-RANGES: Final = (*FIRST_RANGES, *LATER_RANGES, "lag_error_s")
+WOOD_RANGES: Final = ("trunks", "trunk", "gap")
+"""Drawn last."""
+RANGES: Final = (*FIRST_RANGES, *LATER_RANGES, "lag_error_s", *WOOD_RANGES)
 SIGNED: Final = ("late_s", "lag_error_s")
 """Errors, which may be negative, too."""
 _FIRMWARE: Final = ("ardupilot", "px4")
@@ -128,6 +131,8 @@ class _Common(BaseModel):
     """... for this long."""
     limit_s: float = Field(default=300.0, gt=0)
     """Missions that have not formed by then are ended."""
+    wood_side: float = Field(default=16.0, gt=0)
+    """Side of a wood [units]."""
 
     @field_validator("law", mode="before")
     @classmethod
@@ -184,6 +189,10 @@ class Cell(_Common):
     silent_agents: Range
     late_s: Range
     lag_error_s: Range
+    wood: WoodKind
+    trunks: Range
+    trunk: Range
+    gap: Range
 
     @property
     def model(self) -> Response:
@@ -277,6 +286,17 @@ class Study(_Common):
     lag_error_s: tuple[Range, ...] = value(0.0)
     """So much longer than `lag_s` each lag of the vehicles `lag` is, without its agent's knowledge;
     under 0: shorter."""
+    wood: tuple[WoodKind, ...] = ("none",)
+    """What lies between the start and the goal: `none`, scattered `trunks`, a hedge with a `gate`,
+    or a `trap`, a hedge that is open to where the agents come from. In a wood agents start in their
+    shape, fly the planned way in file, and are at the goal where the shape stands behind it."""
+    trunks: tuple[Range, ...] = value(28.0)
+    """How many there are in a wood of trunks."""
+    trunk: tuple[Range, ...] = value(0.35)
+    """Mean radius of a wood's trunks [units]; of scattered ones each is up to 0.6 of it thicker or
+    thinner."""
+    gap: tuple[Range, ...] = value(1.0)
+    """Between two scattered trunks at least [units]; width of a gate."""
 
     @field_validator(*LISTS, *RANGES, mode="before")
     @classmethod
@@ -336,6 +356,12 @@ class Study(_Common):
                 all(d.high + j.high <= NEIGHBOUR_S for d in self.delay_s for j in self.jitter_s),
                 f"delay_s, jitter_s: allowed: up to {NEIGHBOUR_S:g} s together",
             ),
+            (
+                set(self.wood) == {"none"} or not set(self.safety) & {"off", "exchange"},
+                "wood: allowed: with safety filter, guard, release or align",
+            ),
+            (all(t.low > 0.05 for t in self.trunk), "trunk: allowed: more than 0.05"),
+            (all(t.low >= 1 and t.high <= 200 for t in self.trunks), "trunks: allowed: 1 to 200"),
             ("table2" not in self.start or set(self.n) == {6}, "start: table2 has six agents"),
         )
         wrong = [text for good, text in checks if not good]
@@ -352,6 +378,11 @@ class Study(_Common):
     def with_silent(self) -> bool:
         """Agents die in some missions."""
         return any(share.high > 0 for share in self.silent)
+
+    @property
+    def with_woods(self) -> bool:
+        """Some missions fly through woods."""
+        return set(self.wood) != {"none"}
 
     @property
     def varied(self) -> tuple[str, ...]:

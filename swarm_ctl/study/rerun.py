@@ -124,6 +124,14 @@ def write_mission(flown: Rerun, path: Path) -> list[str]:
         "steps": [{"takeoff": {"height_m": 10}}, {"form": _form_step(cell)}, "land"],
         "fleet": {"agents": [_vehicle(k, batch) for k in range(cell.n)]},
     }
+    if (wood := batch.woods[0]) is not None:
+        trunks = zip(wood.at.tolist(), wood.radius.tolist(), strict=True)
+        document["zones"] = {
+            f"trunk-{k}": {"circle": [at.real, at.imag], "radius": radius}
+            for k, (at, radius) in enumerate(trunks)
+        }
+        to = [wood.goal.real, wood.goal.imag]
+        document["steps"].insert(2, {"move": {"to": to, "settle_s": cell.settle_s}})
     if batch.wind_mps[0]:
         from_deg = float(np.degrees(batch.wind_from_rad[0]))
         wind = {"SIM_WIND_SPD": float(batch.wind_mps[0]), "SIM_WIND_DIR": from_deg}
@@ -146,6 +154,8 @@ def _not_carried(batch: Batch) -> Iterator[str]:
         yield f"delay_s {_ends(delay_s)}"
     if batch.cell.vehicle in TYPICAL and (late_s := batch.late_s[:, 0]).any():
         yield f"late_s {_ends(late_s)}"
+    if batch.woods[0] is not None:
+        yield "a move in file whatever room there is (where all have a way together, they take it)"
     for name in ("jitter_s", "loss", "burst_s"):
         if (number := float(getattr(batch, name)[0])) > 0:
             yield f"{name} {number:.3g}"

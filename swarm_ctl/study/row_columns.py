@@ -18,6 +18,9 @@ WITH_UNIT: Final = {
     "error": "error_units",
     "longest_link": "longest_link_units",
     "touched": "touched_share",
+    "smallest_zone": "smallest_zone_units",
+    "trunk": "trunk_units",
+    "gap": "gap_units",
 }
 """Columns whose names say more than the fields of `Study`, `Batch` and `BatchResult` do."""
 
@@ -42,6 +45,11 @@ _RESULTS: Final = {
     "parted": "1: at a look (every 5 ticks) the links within `r` did not connect all agents.",
     "small_gap": "Pairs' ticks with `D_ub - D_lb <= 2`, which the paper takes for impossible.",
     "steps": "Ticks flown.",
+    "entered": "1: a live agent was in a zone (a trunk), by truth.",
+    "smallest_zone_units": "Smallest true distance of a live agent to a zone, between ticks too,"
+    " under 0 inside; `inf` without a zone.",
+    "over_shortest": "`time_s` over the time in which the file could be there: all at the top speed"
+    " from the first moment on, one behind the other. 0 without a wood.",
 }
 
 

@@ -29,7 +29,9 @@ from swarm_ctl.study.row_columns import COLUMNS, WITH_UNIT
 Row: TypeAlias = dict[str, Any]
 
 _MEASURED: Final = tuple(f.name for f in fields(BatchResult) if f.name != "statuses")
-_TEXT: Final = frozenset({"shape", "slots", "start", "compensation", "vehicle", "safety", "spread"})
+_TEXT: Final = frozenset(
+    {"shape", "slots", "start", "compensation", "vehicle", "safety", "spread", "wood"}
+)
 
 
 def rows_of(batch: Batch, result: BatchResult) -> list[Row]:
@@ -42,6 +44,7 @@ def rows_of(batch: Batch, result: BatchResult) -> list[Row]:
     columns |= {f"most_{name}": columns[name].max(axis=0) for name in AGENT_RANGES}
     columns |= {name: getattr(result, name) for name in _MEASURED}
     columns["collided"] = result.smallest < cell.law.r_in
+    columns["entered"] = result.smallest_zone < 0.0
     columns["hit"] = result.smallest_silent < cell.law.r_in
     columns = {WITH_UNIT.get(name, name): column for name, column in columns.items()}
     columns |= {f"sigma_{name}": result.statuses[k] for k, name in enumerate(STATUSES)}

@@ -14,6 +14,7 @@ from swarm_ctl.study.parameter_space import Study
 from swarm_ctl.study.rows import Row
 
 _Z95: Final = 1.959963984540054
+_SOON: Final = 1.3
 
 
 def wilson(hits: int, of: int) -> tuple[float, float]:
@@ -72,7 +73,9 @@ def tables(
         groups[tuple(str(getattr(cells[row["cell"]], name)) for name in names)].append(row)
     places = [list(map(str, getattr(study, name))) for name in names]
     keys = sorted(groups, key=lambda key: [p.index(v) for p, v in zip(places, key, strict=True)])
-    lines = [line for line in _LINES if study.with_silent or line[0] not in _SILENT]
+    silent, woods = study.with_silent, study.with_woods
+    left_out = {*(() if silent else _SILENT), *(() if woods else _WOODS)}
+    lines = [line for line in _LINES if line[0] not in left_out]
     columns = [
         [*key, str(len(groups[key])), *(tell(groups[key]) for _, tell in lines)] for key in keys
     ]
@@ -122,6 +125,11 @@ def _time(rows: list[Row], q: int) -> str:
     return quantile([row["time_s"] for row in _alive(rows) if row["converged"]], q)
 
 
+def _soon(rows: list[Row]) -> str:
+    found = _alive(rows)
+    return share(sum(r["converged"] and r["over_shortest"] <= _SOON for r in found), len(found))
+
+
 _LINES: Final[tuple[tuple[str, Callable[[list[Row]], str]], ...]] = (
     ("under r_in", lambda rows: _share_of(rows, "collided")),
     ("smallest distance [units]", lambda rows: f"{min(row['smallest_units'] for row in rows):.3f}"),
@@ -135,6 +143,16 @@ _LINES: Final[tuple[tuple[str, Callable[[list[Row]], str]], ...]] = (
     ("link that fits broken", lambda rows: _share_of(rows, "kept_broken")),
     ("swarm fell apart", lambda rows: _share_of(rows, "parted")),
     ("overspeed", lambda rows: _share_of(rows, "sigma_overspeed")),
+    ("zone entered", lambda rows: _share_of(rows, "entered")),
+    (
+        "smallest distance to a zone [units]",
+        lambda rows: f"{min(row['smallest_zone_units'] for row in rows):.3f}",
+    ),
+    ("within 1.3 of the shortest time", lambda rows: _soon(rows)),
+    (
+        "time over the shortest, median",
+        lambda rows: quantile([r["over_shortest"] for r in _alive(rows) if r["converged"]], 50, 2),
+    ),
     (
         "ticks changed by the filter",
         lambda rows: f"{100 * sum(r['touched_share'] for r in rows) / len(rows):.3g} %",
@@ -142,4 +160,8 @@ _LINES: Final[tuple[tuple[str, Callable[[list[Row]], str]], ...]] = (
 )
 """Times and what formed: of missions in which no agent died. A link fits whose slots are within
 0.9 r."""
+_WOODS: Final = (
+    *("zone entered", "smallest distance to a zone [units]"),
+    *("within 1.3 of the shortest time", "time over the shortest, median"),
+)
 _SILENT: Final = ("silent agent hit", "formed, some silent")

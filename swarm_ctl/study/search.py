@@ -48,6 +48,8 @@ class Goal(StrEnum):
     """A live agent comes nearest to the vehicle of a silent one."""
     SLOWEST = "slowest"
     """Takes longest to form; worst: does not."""
+    ZONE = "zone"
+    """A live agent comes nearest to a zone, or deepest into one."""
     LINK = "link"
     """A link whose slots fit is torn; where none is, has the longest link."""
 
@@ -58,6 +60,8 @@ class Goal(StrEnum):
                 return -float(row["smallest_units"])
             case Goal.SILENT:
                 return -float(row["smallest_silent_units"])
+            case Goal.ZONE:
+                return -float(row["smallest_zone_units"])
             case Goal.SLOWEST:
                 unformed = _UNFORMED + row["error_units"]
                 return float(row["time_s"] if row["converged"] else unformed)
@@ -71,6 +75,8 @@ class Goal(StrEnum):
                 return f"smallest distance {row['smallest_units']:.3f} units"
             case Goal.SILENT:
                 return f"smallest distance to a silent one {row['smallest_silent_units']:.3f} units"
+            case Goal.ZONE:
+                return f"smallest distance to a zone {row['smallest_zone_units']:.3f} units"
             case Goal.SLOWEST if row["converged"]:
                 return f"formed after {row['time_s']:.1f} s"
             case Goal.SLOWEST:

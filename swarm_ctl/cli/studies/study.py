@@ -128,6 +128,18 @@ def study(
     start_spacing: Annotated[
         Given, _one("UNITS", "Least distance of random starts; 0: twice --r-in.", 0)
     ] = None,
+    wood: Annotated[
+        Given,
+        _list(
+            "What is flown through in file: none, trunks, gate, trap (open to the start).", "none"
+        ),
+    ] = None,
+    trunks: Annotated[Given, _ranges("How many trunks a wood has.", 28)] = None,
+    trunk: Annotated[Given, _ranges("Mean radius of trunks, in units.", 0.35)] = None,
+    gap: Annotated[
+        Given, _ranges("Between trunks at least, and the width of a gate, in units.", 1)
+    ] = None,
+    wood_side: Annotated[Given, _one("UNITS", "Side of a wood.", 16)] = None,
     r: Annotated[Given, _one("UNITS", "Interaction range.", 4.5)] = None,
     r_out: Annotated[Given, _one("UNITS", "Outer radius.", 1.5)] = None,
     r_in: Annotated[Given, _one("UNITS", "Inner radius.", 0.5)] = None,
@@ -174,7 +186,7 @@ def study(
         option(
             "GOAL",
             "Search for the worst mission over all lists and ranges: smallest (distance), silent"
-            " (distance to a dead agent's vehicle), slowest, link (torn).",
+            " (distance to a dead agent's vehicle), slowest, zone (distance to one), link (torn).",
         ),
     ] = None,
     budget: Annotated[
@@ -197,6 +209,7 @@ def study(
         swarm-ctl study --n 4,6,9 --slots random,nearest --missions 2000
         swarm-ctl study --safety off,align --start crossing --slots given
         swarm-ctl study --delay 0:0.2 --loss 0:0.2 --out late.csv
+        swarm-ctl study --wood trunks,gate,trap --n 2:8 --missions 100
         swarm-ctl study --law paper,orca,vasarhelyi --missions 300
         swarm-ctl study --law orca --parameters apart=1.2,horizon=2 --safety off
         swarm-ctl study studies/envelope-delay.yaml --curves delay.svg
@@ -256,6 +269,11 @@ def study(
         "spacing": spacing,
         "silent": silent,
         "silent_agents": silent_agents,
+        "wood": wood,
+        "trunks": trunks,
+        "trunk": trunk,
+        "gap": gap,
+        "wood_side": wood_side,
         "law": _those(in_law | {"own": law, "parameters": _numbers(parameters)}),
         "by": by,
     }

@@ -10,25 +10,17 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection, Mapping
-from typing import Final
+from collections.abc import Collection, Mapping, Sequence
+from typing import Final, NamedTuple
 
+from swarm_ctl.core.kernel.queue import OUT, STAYS, along_way, next_on, point_on
 from swarm_ctl.core.model.geometry import Point
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.steps.move import MoveStep
-from swarm_ctl.core.safety.ways import point_on
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
 GAP: Final = 1.1
 """[of r_out] from one to the next: so far, the avoidance does not act between them."""
-_AHEAD_M: Final = 6.0
-"""Of the own place on the way, the point that is flown to: farther than a vehicle brakes in."""
-_BACK_M: Final = 8.0
-_ON_M: Final = 15.0
-"""A vehicle is looked for on the way from so far behind where it was to so far before it: a way
-may come near to itself."""
-_TURN_M: Final = 0.3
-"""Less room than this is waited for."""
 
 
 def gap_m(plan: Plan) -> float:
@@ -82,50 +74,55 @@ class InFile:
                 self._look(peer.id, peer.stop_point)
         whole, own = self._ends[-1], self._at[self._own]
         opens = whole - (step.opens_m or 0.0)
-        if own >= opens - _TURN_M:
+        before = self._ranks[: self._ranks.index(self._own)]
+        last = next((i for i in reversed(before) if i in heard), None)
+        ahead = math.inf if last is None else self._at[last]
+        most = next_on(own, ahead, whole, opens, self._gap_m)
+        if most == OUT:
             north, east = slots[self._own]
             goal = step.waypoints_m[-1]
             return goal[0] + north * self._unit_m, goal[1] + east * self._unit_m
-        most = min(own + _AHEAD_M, whole)
-        before = self._ranks[: self._ranks.index(self._own)]
-        ahead = next((i for i in reversed(before) if i in heard), None)
-        if ahead is not None and self._at[ahead] < opens:
-            most = min(most, self._at[ahead] - self._gap_m)
-        if most < own + _TURN_M:
+        if most == STAYS:
             return None
-        at = self._point(most)
+        at = point_on(self._way, self._ends, most)
         return at.real, at.imag
 
     def _set_out(self, step: MoveStep, start_m: Point, slots: Mapping[int, Point]) -> None:
         """The way, from behind the last slot on, and the ranks."""
         self._step = step
-        start, first = complex(*start_m), complex(*step.waypoints_m[0])
-        heading = (first - start) / max(abs(first - start), 1e-9)
-        along = {
-            i: (heading.conjugate() * complex(*slot)).real * self._unit_m
-            for i, slot in slots.items()
-        }
-        back_m = max(0.0, -min(along.values()))
-        self._way = [start - heading * back_m, *(complex(*at) for at in step.waypoints_m)]
-        legs = [abs(b - a) for a, b in itertools.pairwise(self._way)]
-        self._ends = [0.0, *itertools.accumulate(legs)]
-        self._ranks = sorted(along, key=lambda i: (-along[i], i))
-        self._at = {i: min(max(0.0, back_m + x), legs[0]) for i, x in along.items()}
+        queue = queue_of(start_m, step.waypoints_m, slots, self._unit_m)
+        self._way, self._ends, self._ranks, self._at = queue
 
     def _look(self, agent: int, at: complex) -> None:
         """Where it is on the way, near where it was."""
-        was = self._at[agent]
-        low, high = was - _BACK_M, was + _ON_M
-        best = (math.inf, was)
-        for k, (a, b) in enumerate(itertools.pairwise(self._way)):
-            begin, end = self._ends[k], self._ends[k + 1]
-            if end < low or begin > high or end == begin:
-                continue
-            way = (b - a) / (end - begin)
-            along = (way.conjugate() * (at - a)).real
-            along = min(max(along, low - begin, 0.0), high - begin, end - begin)
-            best = min(best, (abs(at - a - way * along), begin + along))
-        self._at[agent] = best[1]
+        self._at[agent] = along_way(self._way, self._ends, self._at[agent], at)
 
-    def _point(self, along: float) -> complex:
-        return point_on(self._way, self._ends, along)
+
+class Queue(NamedTuple):
+    """How agents set out on one way."""
+
+    way: list[complex]
+    """From behind the last slot on [m]."""
+    ends: list[float]
+    """How far along the way each corner is."""
+    ranks: list[int]
+    """The front one first."""
+    at: dict[int, float]
+    """How far along the way each is."""
+
+
+def queue_of(
+    start_m: Point, waypoints_m: Sequence[Point], slots: Mapping[int, Point], unit_m: float
+) -> Queue:
+    """Of agents that stand in these slots [units] around the start."""
+    start, first = complex(*start_m), complex(*waypoints_m[0])
+    heading = (first - start) / max(abs(first - start), 1e-9)
+    along = {i: (heading.conjugate() * complex(*slot)).real * unit_m for i, slot in slots.items()}
+    back_m = max(0.0, -min(along.values()))
+    way = [start - heading * back_m, *(complex(*at) for at in waypoints_m)]
+    legs = [abs(b - a) for a, b in itertools.pairwise(way)]
+    ends = [0.0, *itertools.accumulate(legs)]
+    ranks = sorted(along, key=lambda i: (-along[i], i))
+    return Queue(
+        way, ends, ranks, {i: min(max(0.0, back_m + x), legs[0]) for i, x in along.items()}
+    )

@@ -9,11 +9,12 @@ from typing import Final
 
 import numpy as np
 
+from swarm_ctl.core.kernel.queue import point_on
 from swarm_ctl.core.kernel.walls import kept_m
 from swarm_ctl.core.model.geometry import Point
 from swarm_ctl.core.model.plan import Plan, Zone
 from swarm_ctl.core.model.planned_formation import PlannedFormation
-from swarm_ctl.core.safety.ways import AROUND, BESIDE_M, WayMap, point_on
+from swarm_ctl.core.safety.ways import AROUND, BESIDE_M, WayMap
 
 _TOUCHES_M: Final = 0.02
 """A way round a zone may come so much nearer than a vehicle may stay: ways are rounded."""
@@ -95,6 +96,18 @@ class AmongZones:
         if not narrow:
             return tuple(together), None
         return tuple(single), _open_m([before.centre_m, *single], wide)
+
+    def in_file(
+        self, before: PlannedFormation, to_m: Point
+    ) -> tuple[tuple[Point, ...], float] | None:
+        """The way on which all follow one another, whether there is a wider one or not, and so much
+        of it as is left where it is wide enough for all; None: there is none."""
+        way = self._map(self.zones, self._fence_m, _SPARE_M).shortest(before.centre_m, to_m)
+        if way is None:
+            return None
+        single = tuple(_rounded(way))
+        wide = self._map(self.zones, self._fence_m, before.radius_m)
+        return single, _open_m([before.centre_m, *single], wide)
 
     def lacks_m(self, a: Point, b: Point, *, many: bool) -> float | None:
         """How much wider the widest gap from a to b has to be for one vehicle, or for `many` in

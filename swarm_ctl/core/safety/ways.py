@@ -8,7 +8,6 @@ it, so that a map of many zones costs what is asked of it. Metres in the common 
 from __future__ import annotations
 
 import heapq
-import itertools
 import math
 from collections.abc import Generator, Sequence
 from typing import Final, TypeAlias
@@ -301,11 +300,3 @@ def _meeting(a: complex, b: complex, c: complex, d: complex) -> complex | None:
     ahead = ((meet - b) * one.conjugate()).real >= 0.0 <= ((meet - c) * other.conjugate()).real
     longer = (abs(meet - b) + abs(meet - c)) / abs(c - b)
     return meet if ahead and longer <= _LONGER and abs(c - b) <= _CORNER_M else None
-
-
-def point_on(way: Sequence[complex], ends: Sequence[float], along: float) -> complex:
-    """So far along a way whose corners are `ends` along it."""
-    for k, (a, b) in enumerate(itertools.pairwise(way)):
-        if along <= ends[k + 1] and ends[k + 1] > ends[k]:
-            return a + (b - a) * ((along - ends[k]) / (ends[k + 1] - ends[k]))
-    return way[-1]

@@ -12,18 +12,21 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swarm_ctl.core.law.formation import centred
-from swarm_ctl.core.model.arrays import Bools, Floats, Indices, Ints
+from swarm_ctl.core.model.arrays import Bools, Floats, Indices, Ints, complex_of
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.geometry.shapes import slots_of
 from swarm_ctl.mission.sections import shape_sections
 from swarm_ctl.slot_assignment import nearest
+from swarm_ctl.study.batch.woods import grow
 from swarm_ctl.study.parameter_space import (
     AGENT_RANGES,
     FIRST_RANGES,
     LATER_RANGES,
     RANGES,
+    WOOD_RANGES,
     Cell,
     Range,
     Study,
@@ -76,6 +79,11 @@ class Batch:
     """How many agents' processes die."""
     silent_s: Floats
     """When each does, (n, m); infinity for most."""
+    trunks: Floats
+    trunk: Floats
+    gap: Floats
+    woods: NDArray[Any]
+    """Each mission's `Wood`; None without one."""
 
     def silent_from(self, tick_s: float) -> Floats:
         """The tick from which each agent is silent, (n, m)."""
@@ -145,7 +153,9 @@ def draw(cell: Cell, first: int, count: int) -> Batch:
     # area 0: six in a square of 10 x 10, more a little denser: as sparse as six, many agents are
     # hardly ever connected
     values["area"] = np.where(values["area"] == 0, 10.0 * (cell.n / 6) ** 0.375, values["area"])
-    starts = _starts(cell, values["area"], values["spacing"], random)
+    in_wood = cell.wood != "none"
+    # in a wood agents stand in their shape
+    starts = None if in_wood else _starts(cell, values["area"], values["spacing"], random)
     slots = _slots(cell, starts, values["spacing"], random)
     wind_from_rad = random.uniform(0.0, 2 * np.pi, count)
     dies = random.random(count) < values["silent"]
@@ -156,15 +166,25 @@ def draw(cell: Cell, first: int, count: int) -> Batch:
         # the lag's error last of all: studies without one have the same missions as ever
         drawn = values[name] if name in values else _draw(getattr(cell, name), count, random)
         values[name] = _by_agent(cell, name, drawn, random)
+    values |= {name: _draw(getattr(cell, name), count, random) for name in WOOD_RANGES}
+    row = cell.index * cell.missions + first + np.arange(count)
+    woods = np.full(count, None, dtype=object)
+    if starts is None:
+        off = random.uniform(-1.0, 1.0, (2, cell.n, count))
+        starts = slots + _JITTER * values["spacing"] * off
+        at = complex_of(np.ascontiguousarray(slots.transpose(2, 1, 0)))
+        of = zip(row.tolist(), at, *(values[name].tolist() for name in WOOD_RANGES), strict=True)
+        woods[:] = [grow(cell, *each) for each in of]
     return Batch(
         cell=cell,
-        row=cell.index * cell.missions + first + np.arange(count),
+        row=row,
         starts=starts,
         slots=slots,
         links=_links(starts, cell.law.r),
         wind_from_rad=wind_from_rad,
         silent_agents=np.count_nonzero(np.isfinite(silent_s), axis=0),
         silent_s=silent_s,
+        woods=woods,
         **values,
     )
 
@@ -257,12 +277,14 @@ def _scattered(cell: Cell, area: Floats, random: np.random.Generator) -> Floats:
     )
 
 
-def _slots(cell: Cell, starts: Floats, spacing: Floats, random: np.random.Generator) -> Floats:
+def _slots(
+    cell: Cell, starts: Floats | None, spacing: Floats, random: np.random.Generator
+) -> Floats:
     """The shape, turned at random, given out as the cell says, (2, n, m)."""
-    count = starts.shape[-1]
+    count = len(spacing)
     angle = random.uniform(0.0, 2 * np.pi, count)
     order = random.permuted(np.tile(np.arange(cell.n), (count, 1)), axis=1).T
-    if cell.slots == "given" and cell.start in OPPOSITE:
+    if starts is not None and cell.slots == "given" and cell.start in OPPOSITE:
         mirror = (-1.0, -1.0) if cell.start == "antipodal" else (1.0, -1.0)
         places = start_shape(cell.start, cell.n) * mirror
         return np.ascontiguousarray((places[:, :, None] * spacing).transpose(1, 0, 2))
@@ -272,7 +294,7 @@ def _slots(cell: Cell, starts: Floats, spacing: Floats, random: np.random.Genera
     )
     if cell.slots == "random":
         slots = np.take_along_axis(slots, order[None], axis=1)
-    elif cell.slots == "nearest":
+    elif starts is not None and cell.slots == "nearest":
         # scipy assigns one swarm at a time
         chosen = [nearest(starts[..., k].T, slots[..., k].T) for k in range(count)]
         slots = np.stack(chosen, axis=-1).transpose(1, 0, 2)

@@ -67,6 +67,10 @@ class BatchResult:
     """Pair-ticks with D_ub - D_lb <= 2, which the paper takes for impossible."""
     steps: Ints
     """Ticks flown."""
+    smallest_zone: Floats
+    """Smallest true distance of a live agent to a trunk, under 0 inside; infinity without one."""
+    over_shortest: Floats
+    """`time_s` over what the file needs at the top speed alone; 0 without a wood."""
 
     @classmethod
     def blank(cls, m: int) -> Self:
@@ -113,6 +117,8 @@ class MissionsFlight:
         self.motion = None
         if batch.cell.vehicle in FIRMWARES:
             self.motion = FirmwareMotion(batch, late_ticks)
+        woods = [wood for wood in batch.woods if wood is not None]
+        self._shortest_s = np.array([wood.shortest_s for wood in woods])
         self._losses = _generators(batch, 0) if setup.loses else []
         self._jitter = _generators(batch, 1) if setup.jitters else []
         self._ahead(setup, self.many, 0, 1, flight.BEGIN)
@@ -194,6 +200,9 @@ class MissionsFlight:
         result.touched[place] = whole["touched"] / np.maximum(whole["flown"], 1)
         result.yielded[place] = whole["yielded"]
         result.exchanges[place] = whole["exchanged"] // 2
+        result.smallest_zone[place] = whole["nearest_trunk"]
+        if self._setup.wood:
+            result.over_shortest[place] = whole["ended_s"] / self._shortest_s
 
 
 def _decide_own(law: FormationLaw, setup: Setup, many: Missions, flying: Indices) -> None:

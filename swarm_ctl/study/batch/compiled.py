@@ -32,6 +32,7 @@ from swarm_ctl.core.kernel import (
     exchange,
     law,
     program,
+    queue,
     receiver,
     release,
     response,
@@ -47,7 +48,7 @@ from swarm_ctl.study.batch.missions import Missions, Setup
 Fly = Callable[[Setup, Missions, int, int, int], None]
 _MODULES: Final[tuple[ModuleType, ...]] = (
     *(align, boundary, coast, constraints, decide, exchange, law, program, release, response),
-    *(sequences, walls, wish, flight, receiver),
+    *(queue, sequences, walls, wish, flight, receiver),
 )
 SOURCES: Final = (*_MODULES, missions, timeouts, arrays, plan)
 """Their constants are compiled in, and the types of their records."""

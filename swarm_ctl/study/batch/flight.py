@@ -28,11 +28,13 @@ from swarm_ctl.core.kernel.decide import NO_LINK, NO_NEAR_WALL, Link, NearWall, 
 from swarm_ctl.core.kernel.exchange import Part, Said, Shape, nothing_said, took_part
 from swarm_ctl.core.kernel.law import NO_PAIR, Law, Pair, terms
 from swarm_ctl.core.kernel.program import NO_ROW, Row
+from swarm_ctl.core.kernel.queue import OUT, STAYS, along_way, next_on, point_on
 from swarm_ctl.core.kernel.receiver import NO_ONE, Known, Me
 from swarm_ctl.core.kernel.release import Release, noted, swirled, turned
 from swarm_ctl.core.kernel.response import Estimate, compared, steered, stop_point
 from swarm_ctl.core.kernel.sequences import put
-from swarm_ctl.core.kernel.wish import limited
+from swarm_ctl.core.kernel.walls import Edge, Wall, WallMargins, faced
+from swarm_ctl.core.kernel.wish import bent, limited, shortened
 from swarm_ctl.core.model.arrays import Complex, Floats, Ints
 from swarm_ctl.core.model.timeouts import FAR_LATE_S, FRESH_S, NEIGHBOUR_S, PREDICT_S
 from swarm_ctl.study.batch.missions import BEFORE, DRAWN, LOOKS, NEVER, Missions, Setup
@@ -90,6 +92,8 @@ def fly(s: Setup, many: Missions, first: int, ticks: int, stages: int, own_law: 
             if stages & DECIDE:
                 _locate(s, agent, sent)
                 _measure(s, w, agent, link, tick)
+                if s.wood:
+                    _measure_trunks(w, agent, many.trunk[k], tick)
                 listen(s, w, agent, pair, past, losses, jitter, newest, tick)
                 if s.exchanges and tick % s.round == 0:
                     _hear_exchange(s, pair, many.history[k], many.roles[k], tick)
@@ -135,6 +139,11 @@ def fly(s: Setup, many: Missions, first: int, ticks: int, stages: int, own_law: 
                     walls,
                     rows,
                     pairs,
+                    many.trunk[k],
+                    many.way_m[k],
+                    many.ends_m[k],
+                    many.ranks[k],
+                    many.along_m[k],
                     tick,
                 )
             if stages & MOVE:
@@ -254,6 +263,19 @@ def _measure(s: Setup, w: Any, agent: Any, link: Any, tick: int) -> None:
             q.held = q.fits and (q.held or squared <= within)
             if q.held:
                 q.farthest_kept = max(q.farthest_kept, squared)
+
+
+def _measure_trunks(w: Any, agent: Any, trunk: Any, tick: int) -> None:
+    """Take the distances of live agents to trunks into the smallest, between ticks too."""
+    nearest = w.nearest_trunk
+    for i in range(len(agent)):
+        a = agent[i]
+        if tick < a.silent_from:
+            flown = Edge(a.seen, a.position, 0.0)
+            for k in range(len(trunk)):
+                _, gap = faced(flown, trunk[k].at)
+                nearest = min(nearest, gap - trunk[k].radius)
+    w.nearest_trunk = nearest
 
 
 def _fitting(s: Setup, w: Any, agent: Any, link: Any) -> None:
@@ -521,6 +543,11 @@ def _act(
     walls: list[NearWall],
     rows: list[Row],
     pairs: list[Pair],
+    trunk: Any,
+    way_m: Complex,
+    ends_m: Floats,
+    ranks: Ints,
+    along_m: Floats,
     tick: int,
 ) -> None:
     """From what is heard to the commands."""
@@ -539,7 +566,7 @@ def _act(
         doubt_s, response_s = 0.0, 0.0
         if not s.ideal:
             doubt_s, response_s = a.doubt_s, expected_s + a.late_s
-        unheard, near, links, total, count, minds = False, 0, 0, 0j, 0, 0
+        unheard, near, links, total, count, minds, walled = False, 0, 0, 0j, 0, 0, 0
         for j in range(n):
             if j == i:
                 continue
@@ -547,7 +574,8 @@ def _act(
             told, age_s = q.told, (tick - q.sent_at) * s.tick_s
             late_s = _late_s(q.heard_from, begun, s.far)
             ahead = told + q.flies * min(age_s, most_s)
-            follows = q.link and age_s <= NEIGHBOUR_S + late_s
+            # in a wood, agents fly to places, and nobody is a neighbour
+            follows = q.link and age_s <= NEIGHBOUR_S + late_s and not s.wood
             gap = own - ahead
             if not s.own_law and (follows or gap.real * gap.real + gap.imag * gap.imag < r_out):
                 minds = put(knows, minds, _row(j, ahead, q, age_s, follows, i < j))
@@ -586,7 +614,7 @@ def _act(
                         along=True,
                     )
                     near = put(others, near, other)
-            if q.link and s.guards and squared > long and age_s <= NEIGHBOUR_S:
+            if q.link and s.guards and not s.wood and squared > long and age_s <= NEIGHBOUR_S:
                 between = abs(a.slot - q.slot)
                 if fits(between, margins) and not (a.left_s > 0.0 and tight(between, margins)):
                     now = carried(apart, q.flies, age_s)
@@ -607,19 +635,25 @@ def _act(
             a.wish = a.consensus + a.avoidance
         else:
             consensus, avoidance = a.consensus, a.avoidance
-            if s.aligns:
+            stays = False
+            if s.wood:
+                walled = _walls(s, own, trunk, walls)
+                consensus, stays = _in_file(
+                    s, w, agent, pair, way_m, ends_m, ranks, along_m[i], i, tick
+                )
+            elif s.aligns:
                 consensus += pull(own - a.slot, total, count)
             wish = consensus + avoidance
             release = Release(a.wanted, a.got, a.left_s, a.side, a.fails)
-            if s.releases:
+            if s.releases and not stays:
                 if not unheard and avoidance != 0j and consensus != 0j:
                     wish = consensus + swirled(consensus, avoidance)
                 wish, release = turned(release, wish, consensus, i + 1, margins.speed, s.tick_s)
             wish = limited(wish, margins.speed)
             mine = Own(doubt_s, response_s, 0j)
-            choice = decided(wish, others, near, guarded, links, walls, 0, mine, margins, rows)
+            choice = decided(wish, others, near, guarded, links, walls, walled, mine, margins, rows)
             a.wish = choice.velocity
-            if s.releases:
+            if s.releases and not stays:
                 release = noted(release, consensus, choice.velocity, margins.speed, s.tick_s)
                 a.wanted, a.got, a.left_s = release.wanted, release.got, release.left_s
                 a.side, a.fails = release.side, release.fails
@@ -629,6 +663,67 @@ def _act(
             if choice.yielded:
                 w.yielded += 1
         command(s, a, sent[i])
+
+
+def _walls(s: Setup, own: complex, trunk: Any, walls: list[NearWall]) -> int:
+    """The trunks that are near a stop point."""
+    used, m = 0, s.walls
+    # of compiled missions a record, which a list of walls does not take
+    margins = WallMargins(m.keep, m.slow, m.zone, m.spare, m.reach, m.speed, m.braking, m.leaves)
+    for k in range(len(trunk)):
+        at, radius = trunk[k].at, trunk[k].radius
+        normal, gap = faced(Edge(at, at, radius), own)
+        if gap < margins.reach:
+            used = put(walls, used, NearWall(Wall(normal, gap, k), margins))
+    return used
+
+
+def _in_file(
+    s: Setup,
+    w: Any,
+    agent: Any,
+    pair: Any,
+    way_m: Any,
+    ends_m: Any,
+    ranks: Ints,
+    along_m: Floats,
+    i: int,
+    tick: int,
+) -> tuple[complex, bool]:
+    """The wish of i in a move in file, and whether it stays: `core.control.in_file` and
+    `Controller.go_to`. The way of one that has left it
+    is not looked for anew."""
+    a, begun = agent[i], since(s, tick)
+    most_s = 0.0 if s.plain else w.lead_s
+    own = a.point
+    along_m[i] = along_way(way_m, ends_m, along_m[i], own * s.unit_m)
+    ahead_m = math.inf
+    for k in range(len(ranks)):
+        j = ranks[k]
+        if j == i:
+            break
+        q, age_s = pair[i, j], (tick - pair[i, j].sent_at) * s.tick_s
+        if age_s <= NEIGHBOUR_S + _late_s(q.heard_from, begun, s.far):
+            at = (q.told + q.flies * min(age_s, most_s)) * s.unit_m
+            along_m[j] = along_way(way_m, ends_m, along_m[j], at)
+            ahead_m = along_m[j]
+    whole_m = ends_m[len(ends_m) - 1]
+    most_m = next_on(along_m[i], ahead_m, whole_m, w.opens_m, s.gap_m)
+    if most_m == STAYS:
+        return 0j, True
+    place = w.goal + a.slot if most_m == OUT else point_on(way_m, ends_m, most_m) / s.unit_m
+    wish = shortened((place - own) * (w.kappa * w.h), s.margins.speed)
+    for j in range(len(agent)):
+        if j == i:
+            continue
+        q, age_s = pair[i, j], (tick - pair[i, j].sent_at) * s.tick_s
+        away = own - (q.told + q.flies * min(age_s, most_s))
+        squared = away.real * away.real + away.imag * away.imag
+        late_s = _late_s(q.heard_from, begun, s.far)
+        if squared < s.r_out * s.r_out and age_s > NEIGHBOUR_S + late_s:
+            room = math.sqrt(squared) - 0.5 * (s.r_in + s.r_out)
+            wish = bent(wish, away, max(0.0, room))
+    return wish, False
 
 
 def _note_pairs(w: Any, pairs: list[Pair], found: int) -> None:
@@ -700,7 +795,7 @@ def _look(s: Setup, w: Any, agent: Any, pair: Any, link: Any, tick: int) -> None
     n, now_s = len(agent), tick * s.tick_s
     if not w.parted:
         _note_parted(s, w, agent, pair, link, tick)
-    error = _error(agent, tick)
+    error = _to_go(w, agent, tick) if s.wood else _error(agent, tick)
     mean, speed = 0j, 0.0
     for i in range(n):
         mean += agent[i].command / n
@@ -730,6 +825,15 @@ def _error(agent: Any, tick: int) -> float:
             e = agent[i].position - agent[i].slot - mean
             error = max(error, e.real * e.real + e.imag * e.imag)
     return math.sqrt(error)
+
+
+def _to_go(w: Any, agent: Any, tick: int) -> float:
+    """How far the farthest live agent is from its place behind the wood."""
+    error = 0.0
+    for i in range(len(agent)):
+        if tick < agent[i].silent_from:
+            error = max(error, abs(agent[i].position - agent[i].slot - w.goal))
+    return error
 
 
 def _short(s: Setup, agent: Any, pair: Any, i: int, j: int, tick: int) -> bool:

@@ -11,11 +11,13 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from swarm_ctl.core.control.in_file import GAP
 from swarm_ctl.core.kernel.boundary import KEPT_S, LOOK_S, Boundary, boundary_of
 from swarm_ctl.core.kernel.constraints import Margins, margins_of
 from swarm_ctl.core.kernel.exchange import EVERY_S, NO_PART, ranks
 from swarm_ctl.core.kernel.release import NO_RELEASE, SWIRL_OFF
 from swarm_ctl.core.kernel.response import ResponseModel, model_of, unknown
+from swarm_ctl.core.kernel.walls import NO_WALL_MARGINS, WallMargins, wall_margins_of
 from swarm_ctl.core.model.arrays import Bools, Complex, Floats, Ints, complex_of
 from swarm_ctl.core.model.plan import Compensation, LawParameters, Policies
 from swarm_ctl.core.model.timeouts import FAR_EVERY_S, NEIGHBOUR_S, SETPOINT_TIMEOUT_S, lead_s
@@ -23,6 +25,8 @@ from swarm_ctl.core.swarm.hearing import SMALL_SWARM
 from swarm_ctl.core.swarm.plausibility import JUMP_M
 from swarm_ctl.law_loader import law_of
 from swarm_ctl.study.batch.batch import Batch
+from swarm_ctl.study.batch.woods import clearance_m
+from swarm_ctl.study.parameter_space import Cell
 
 DRAWN: Final = 32
 """Ticks whose random numbers are drawn at once."""
@@ -82,6 +86,11 @@ class Setup(NamedTuple):
     late: int
     round: int
     """Between two rounds of the exchange."""
+    wood: bool
+    """Missions fly through woods."""
+    walls: WallMargins
+    gap_m: float
+    """From one to the next in file."""
 
 
 def _records(**kinds: str) -> np.dtype[Any]:
@@ -91,13 +100,15 @@ def _records(**kinds: str) -> np.dtype[Any]:
 
 WHOLE: Final = _records(
     f8="h kappa lead_s loss stays begins jitter nearest nearest_silent since_s moved_s ended_s"
-    " error",
+    " error nearest_trunk opens_m",
+    c16="goal",
     i8="links flown touched yielded small_gap exchanged steps paper narrow inactive overspeed",
     b1="heard done formed stuck parted broken",
 )
 """One mission. `stays`, `begins`: chances of a burst of losses; `nearest`, `nearest_silent`:
-squared; `flown`: agent-ticks; `paper` and those behind it: pair-ticks by status; `heard`: there was
-a tick before; `done`: it is over; `broken`: an own law gave what is no velocity."""
+squared; `nearest_trunk`: distance of a live agent to one; `opens_m`: from here on the way through
+the wood is open; `flown`: agent-ticks; `paper` and those behind it: pair-ticks by status; `heard`:
+there was a tick before; `done`: it is over; `broken`: an own law gave what is no velocity."""
 AGENT: Final = _records(
     # vehicles in metres; positions, points, slots and what is flown in units
     c16="place_m velocity_mps command position seen point slot consensus avoidance wish side"
@@ -122,6 +133,8 @@ within r; `held`: it has been as short as they are."""
 
 KNOWN: Final = _records(c16="at slot flies", f8="age_s", i8="id", b1="neighbour lower")
 """`receiver.Known`."""
+TRUNK: Final = _records(c16="at", f8="radius")
+"""A round zone."""
 
 
 class Missions(NamedTuple):
@@ -169,6 +182,16 @@ class Missions(NamedTuple):
     """`KNOWN` (m, n, n): what an own law that is not compiled is told."""
     told: Ints
     """(m, n): so many of them."""
+    trunk: NDArray[Any]
+    """`TRUNK` (m, most trunks of one); behind the last one of radius -infinity."""
+    way_m: Complex
+    """(m, most corners of one); the last one again and again."""
+    ends_m: Floats
+    """How far along it each corner is, as many."""
+    ranks: Ints
+    """In file, the front agent first (m, n)."""
+    along_m: Floats
+    """(m, n, n): where the first takes the second to be on the way."""
 
 
 def setup_of(batch: Batch, *, seen: bool = False) -> Setup:
@@ -217,7 +240,16 @@ def setup_of(batch: Batch, *, seen: bool = False) -> Setup:
         kept=round(KEPT_S / tick_s),
         late=round(NEIGHBOUR_S / tick_s),
         round=max(1, round(EVERY_S / tick_s)),
+        wood=cell.wood != "none",
+        walls=_walls_of(cell),
+        gap_m=GAP * law.r_out * unit_m,
     )
+
+
+def _walls_of(cell: Cell) -> WallMargins:
+    if cell.wood == "none":
+        return NO_WALL_MARGINS
+    return wall_margins_of(clearance_m(cell), cell.model, cell.speed_mps, cell.unit_m)
 
 
 def numbers_of(law: LawParameters) -> list[float]:
@@ -247,7 +279,7 @@ def missions_of(
     whole["loss"], whole["stays"] = batch.loss, stays
     whole["begins"] = batch.loss * (1.0 - stays) / (1.0 - batch.loss)
     whole["jitter"] = batch.jitter_s / tick_s
-    for name in ("nearest", "nearest_silent", "since_s"):
+    for name in ("nearest", "nearest_silent", "since_s", "nearest_trunk"):
         whole[name] = np.inf
     dead_s = batch.true_dead_time_s if cell.vehicle == "lag" else batch.late_s.clip(0.0)
     lag_s = np.maximum(batch.true_lag_s, 1e-6)
@@ -301,7 +333,28 @@ def missions_of(
         numbers=np.tile(np.array(numbers_of(cell.law), dtype=np.float64), (m, 1)),
         known=np.zeros((m, *((n, n) if interpreted else (0, 0))), dtype=KNOWN),
         told=np.zeros((m, n), dtype=np.int64),
+        **_woods(batch, whole),
     )
+
+
+def _woods(batch: Batch, whole: NDArray[Any]) -> dict[str, Any]:
+    """The arrays of the woods, and into `whole` where they end."""
+    n, m = batch.starts.shape[1:]
+    woods = [wood for wood in batch.woods if wood is not None]
+    many, flies = len(woods), n if woods else 0
+    trunk = np.zeros((m, max((len(wood.at) for wood in woods), default=0)), dtype=TRUNK)
+    trunk["radius"] = -np.inf
+    corners = max((len(wood.way_m) for wood in woods), default=0)
+    way_m, ends_m = np.zeros((m, corners), dtype=complex), np.zeros((m, corners))
+    ranks, along_m = np.zeros((m, flies), dtype=np.int64), np.zeros((m, flies, flies))
+    for k in range(many):
+        wood = woods[k]
+        trunk["at"][k, : len(wood.at)], trunk["radius"][k, : len(wood.at)] = wood.at, wood.radius
+        way_m[k], ends_m[k] = wood.way_m[-1], wood.ends_m[-1]
+        way_m[k, : len(wood.way_m)], ends_m[k, : len(wood.way_m)] = wood.way_m, wood.ends_m
+        ranks[k], along_m[k] = wood.ranks, wood.along_m
+        whole["goal"][k], whole["opens_m"][k] = wood.goal, wood.opens_m
+    return {"trunk": trunk, "way_m": way_m, "ends_m": ends_m, "ranks": ranks, "along_m": along_m}
 
 
 def _links(links: Bools, whole: NDArray[Any]) -> NDArray[Any]:

@@ -61,6 +61,28 @@ swarm. With `spread: agent` each agent draws its own lag, dead time, acceleratio
 A row as a mission (`--mission`) flies what the row flew as far as a mission can carry it; the
 command names what is lost.
 
+## Woods
+
+```sh
+swarm-ctl study studies/woods.yaml --missions 20
+swarm-ctl study --wood trap --n 8 --out trap.csv
+swarm-ctl study --out trap.csv --row 3 --picture trap.png
+```
+
+With `wood` other than `none`, agents stand in their shape, fly a `move` in file and stand in the
+same shape behind the wood. The way is the one that a mission of these zones is planned with. One
+behind the other they follow it by the rules of a flight (`swarm_ctl/core/kernel/queue.py`), and its
+walls keep them off (`swarm_ctl/core/kernel/walls.py`). A trunk is a circle with the clearance of
+missions, `r_in / 2`. Hedges, gates and traps are trunks that overlap. A wood without any way is
+drawn again; a way round the wood counts.
+
+A row is `converged` when all live agents stood at their places. `over_shortest` compares with a
+file that flies at the top speed from the first moment on and never brakes.
+
+Studies leave out: moves in which all go together through a wide gap (they are flown in file),
+polygons, a fence, heights, zones that are added in flight, and the new way of an agent that was
+pushed off the old one.
+
 ## The worst case
 
 ```sh
@@ -74,6 +96,7 @@ swarm-ctl study studies/search.yaml --search smallest --budget 20000
 | `smallest` | the smallest distance of two live agents |
 | `silent` | the smallest distance of a live agent to the vehicle of a silent one |
 | `slowest` | not formed, with the largest error; else the longest time to form |
+| `zone` | the smallest distance of a live agent to a trunk, or the deepest inside |
 | `link` | most links torn whose slots fit; where none is, the longest link |
 
 Missions fly in regions: one value of each list, a part of each range. After a first round all over
