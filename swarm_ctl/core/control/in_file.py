@@ -9,7 +9,6 @@ way opens, each flies to its own place; until its turn comes, it stays.
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Final, NamedTuple
 
@@ -37,9 +36,11 @@ class InFile:
         self._way: list[complex] = []
         self._ends: list[float] = []
         """How far along the way each corner is."""
+        self._opens = 0.0
+        """How far along it the way opens."""
         self._ranks: list[int] = []
         self._at: dict[int, float] = {}
-        """How far along the way each agent is."""
+        """How far along the way each agent is; `OUT` for good where it has opened."""
 
     def begin(self) -> None:
         """Another step begins."""
@@ -73,11 +74,10 @@ class InFile:
                 heard.add(peer.id)
                 self._look(peer.id, peer.stop_point)
         whole, own = self._ends[-1], self._at[self._own]
-        opens = whole - (step.opens_m or 0.0)
         before = self._ranks[: self._ranks.index(self._own)]
         last = next((i for i in reversed(before) if i in heard), None)
-        ahead = math.inf if last is None else self._at[last]
-        most = next_on(own, ahead, whole, opens, self._gap_m)
+        ahead = OUT if last is None else self._at[last]
+        most = next_on(own, ahead, whole, self._gap_m)
         if most == OUT:
             north, east = slots[self._own]
             goal = step.waypoints_m[-1]
@@ -92,10 +92,11 @@ class InFile:
         self._step = step
         queue = queue_of(start_m, step.waypoints_m, slots, self._unit_m)
         self._way, self._ends, self._ranks, self._at = queue
+        self._opens = self._ends[-1] - (step.opens_m or 0.0)
 
     def _look(self, agent: int, at: complex) -> None:
         """Where it is on the way, near where it was."""
-        self._at[agent] = along_way(self._way, self._ends, self._at[agent], at)
+        self._at[agent] = along_way(self._way, self._ends, self._at[agent], at, self._opens)
 
 
 class Queue(NamedTuple):

@@ -19,8 +19,13 @@ STAYS: Final = -1.0
 OUT: Final = math.inf
 
 
-def along_way(way: Sequence[complex], ends: Sequence[float], was: float, at: complex) -> float:
-    """Where on the way this point is, near where it was."""
+def along_way(
+    way: Sequence[complex], ends: Sequence[float], was: float, at: complex, opens: float
+) -> float:
+    """Where on the way this point is, near where it was; `OUT` from where the way `opens` on, for
+    good: its own place may lie farther back."""
+    if was >= opens - _TURN_M:
+        return OUT
     low, high = was - _BACK_M, was + _ON_M
     least, best = math.inf, was
     for k in range(len(way) - 1):
@@ -34,7 +39,7 @@ def along_way(way: Sequence[complex], ends: Sequence[float], was: float, at: com
         away, place = abs(at - a - leg * along), begin + along
         if away < least or (away == least and place < best):
             least, best = away, place
-    return best
+    return OUT if best >= opens - _TURN_M else best
 
 
 def point_on(way: Sequence[complex], ends: Sequence[float], along: float) -> complex:
@@ -47,20 +52,17 @@ def point_on(way: Sequence[complex], ends: Sequence[float], along: float) -> com
     return way[len(way) - 1]
 
 
-def next_on(own: float, ahead: float, whole: float, opens: float, gap: float) -> float:
+def next_on(own: float, ahead: float, whole: float, gap: float) -> float:
     """How far along the way to fly now; `STAYS`: its turn has not come; `OUT`: the way is open, and
     each flies to its own place.
 
     Args:
         own: where it is.
-        ahead: where the one before it is; infinity: there is none.
+        ahead: where the one before it is; `OUT`, too, where there is none.
         whole: length of the way.
-        opens: from here on the way is open.
         gap: from one to the next.
     """
-    if own >= opens - _TURN_M:
+    if own == OUT:
         return OUT
-    most = min(own + _AHEAD_M, whole)
-    if ahead < opens:
-        most = min(most, ahead - gap)
+    most = min(min(own + _AHEAD_M, whole), ahead - gap)
     return STAYS if most < own + _TURN_M else most

@@ -184,7 +184,7 @@ def test_a_find_flies_again_on_the_virtual_clock(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "wrong"),
     [
-        (["--search", "nearest"], "allowed: smallest, silent, slowest, link"),
+        (["--search", "nearest"], "allowed: smallest, silent, slowest, zone, link"),
         (["--search", "link", "--row", "3"], "not with --row"),
     ],
 )
