@@ -8,6 +8,7 @@ it, so that a map of many zones costs what is asked of it. Metres in the common 
 from __future__ import annotations
 
 import heapq
+import itertools
 import math
 from collections.abc import Generator, Sequence
 from typing import Final, TypeAlias
