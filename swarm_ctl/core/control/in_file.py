@@ -67,21 +67,20 @@ class InFile:
         """
         if self._step is not step:
             self._set_out(step, start_m, slots)
-        self._look(self._own, complex(*own_m))
+        homes = self._homes(step, slots)
+        self._look(self._own, complex(*own_m), homes[self._own])
         heard = set[int]()
         for peer in peers.peers:
             if peer.followed and peer.id in slots and peer.id not in departed:
                 heard.add(peer.id)
-                self._look(peer.id, peer.stop_point)
+                self._look(peer.id, peer.stop_point, homes[peer.id])
         whole, own = self._ends[-1], self._at[self._own]
         before = self._ranks[: self._ranks.index(self._own)]
         last = next((i for i in reversed(before) if i in heard), None)
         ahead = OUT if last is None else self._at[last]
         most = next_on(own, ahead, whole, self._gap_m)
         if most == OUT:
-            north, east = slots[self._own]
-            goal = step.waypoints_m[-1]
-            return goal[0] + north * self._unit_m, goal[1] + east * self._unit_m
+            return homes[self._own].real, homes[self._own].imag
         if most == STAYS:
             return None
         at = point_on(self._way, self._ends, most)
@@ -94,9 +93,15 @@ class InFile:
         self._way, self._ends, self._ranks, self._at = queue
         self._opens = self._ends[-1] - (step.opens_m or 0.0)
 
-    def _look(self, agent: int, at: complex) -> None:
+    def _homes(self, step: MoveStep, slots: Mapping[int, Point]) -> dict[int, complex]:
+        """Where the slots are at the end of the move."""
+        goal = complex(*step.waypoints_m[-1])
+        return {i: goal + complex(*slot) * self._unit_m for i, slot in slots.items()}
+
+    def _look(self, agent: int, at: complex, home: complex) -> None:
         """Where it is on the way, near where it was."""
-        self._at[agent] = along_way(self._way, self._ends, self._at[agent], at, self._opens)
+        was = self._at[agent]
+        self._at[agent] = along_way(self._way, self._ends, was, at, self._opens, home)
 
 
 class Queue(NamedTuple):

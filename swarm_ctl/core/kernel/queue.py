@@ -13,6 +13,8 @@ _BACK_M: Final = 8.0
 _ON_M: Final = 15.0
 """A vehicle is looked for on the way from so far behind where it was to so far before it: a way
 may come near to itself."""
+_HOME_M: Final = 1.0
+"""So near to its own place a vehicle is in it."""
 _TURN_M: Final = 0.3
 """Less room than this is waited for."""
 STAYS: Final = -1.0
@@ -20,11 +22,17 @@ OUT: Final = math.inf
 
 
 def along_way(
-    way: Sequence[complex], ends: Sequence[float], was: float, at: complex, opens: float
+    way: Sequence[complex],
+    ends: Sequence[float],
+    was: float,
+    at: complex,
+    opens: float,
+    home: complex,
 ) -> float:
     """Where on the way this point is, near where it was; `OUT` from where the way `opens` on, for
-    good: its own place may lie farther back."""
-    if was >= opens - _TURN_M:
+    good: its own place, `home`, may lie farther back. So is one that is in its place: its words
+    from the opening may be lost."""
+    if was >= opens - _TURN_M or abs(at - home) < _HOME_M:
         return OUT
     low, high = was - _BACK_M, was + _ON_M
     least, best = math.inf, was

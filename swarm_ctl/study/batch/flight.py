@@ -696,7 +696,8 @@ def _in_file(
     a, begun = agent[i], since(s, tick)
     most_s = 0.0 if s.plain else w.lead_s
     own = a.point
-    along_m[i] = along_way(way_m, ends_m, along_m[i], own * s.unit_m, w.opens_m)
+    home_m = (w.goal + a.slot) * s.unit_m
+    along_m[i] = along_way(way_m, ends_m, along_m[i], own * s.unit_m, w.opens_m, home_m)
     ahead_m = OUT
     for k in range(len(ranks)):
         j = ranks[k]
@@ -705,7 +706,8 @@ def _in_file(
         q, age_s = pair[i, j], (tick - pair[i, j].sent_at) * s.tick_s
         if age_s <= NEIGHBOUR_S + _late_s(q.heard_from, begun, s.far):
             at = (q.told + q.flies * min(age_s, most_s)) * s.unit_m
-            along_m[j] = along_way(way_m, ends_m, along_m[j], at, w.opens_m)
+            home_m = (w.goal + q.slot) * s.unit_m
+            along_m[j] = along_way(way_m, ends_m, along_m[j], at, w.opens_m, home_m)
             ahead_m = along_m[j]
     whole_m = ends_m[len(ends_m) - 1]
     most_m = next_on(along_m[i], ahead_m, whole_m, s.gap_m)
