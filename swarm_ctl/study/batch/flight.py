@@ -669,7 +669,16 @@ def _walls(s: Setup, own: complex, trunk: Any, walls: list[NearWall]) -> int:
     """The trunks that are near a stop point."""
     used, m = 0, s.walls
     # of compiled missions a record, which a list of walls does not take
-    margins = WallMargins(m.keep, m.slow, m.zone, m.spare, m.reach, m.speed, m.braking, m.leaves)
+    margins = WallMargins(
+        keep=m.keep,
+        slow=m.slow,
+        zone=m.zone,
+        spare=m.spare,
+        reach=m.reach,
+        speed=m.speed,
+        braking=m.braking,
+        leaves=m.leaves,
+    )
     for k in range(len(trunk)):
         at, radius = trunk[k].at, trunk[k].radius
         normal, gap = faced(Edge(at, at, radius), own)
