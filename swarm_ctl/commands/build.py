@@ -129,12 +129,12 @@ def _zones_of(swarm: SwarmNow) -> str:
         if agent.flies and agent.gains is not None:
             found.setdefault(agent.zones, []).append(agent.id)
     return "; ".join(
-        f"{agents_named(ids)}: {'as planned' if zones is None else listed(zones)}"
+        f"{agents_named(ids)}: {'as planned' if zones is None else _listed(zones)}"
         for zones, ids in found.items()
     )
 
 
-def listed(zones: Iterable[Zone]) -> str:
+def _listed(zones: Iterable[Zone]) -> str:
     """Their names."""
     return ", ".join(zone.name for zone in zones) or "none"
 
@@ -313,7 +313,7 @@ def _tune(order: Order, swarm: SwarmNow) -> tuple[tuple[int, ...], Tuning]:
     gains = next(iter(laws)) if same else planned(plan)
     zones = plan.zones if resets else swarm.zones
     if order.arguments == ("list",):
-        raise InputError(f"zones: {listed(zones)}")
+        raise InputError(f"zones: {_listed(zones)}")
     if order.kind == CommandKind.ZONE:
         zones = rezoned(order.arguments, zones, plan)
     else:

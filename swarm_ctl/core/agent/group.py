@@ -216,7 +216,7 @@ class Group:
         before = stands[min(max(self.progress.step - 1, 0), len(stands) - 1)]
         if override and self._set_out is not None:
             before = replace(before, centre_m=self._set_out)
-        flown, frame = self._detour.flown(step, before, zones, reference.frame)
+        flown, frame = self._detour.flown(step, before, zones, reference.frame, law_tag)
         if frame is not reference.frame:
             reference.join(frame)
         reference.hemmed = self._detour.hemmed(flown, reference.frame)
@@ -328,8 +328,9 @@ class Group:
                 self.begin_form(each.new_shape)
         in_step = [state for state in flying if state.step == step]
         if in_step:
-            self._detour.join()
-            self.reference.join(min(in_step, key=lambda state: state.agent).frame)
+            leader = min(in_step, key=lambda state: state.agent)
+            self._detour.join(leader.gains_tag)
+            self.reference.join(leader.frame)
 
 
 def _since(peer: OtherAircraft, now: float) -> float:

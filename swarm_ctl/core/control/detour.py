@@ -27,7 +27,8 @@ class Detour:
         self._plan = plan
         self._flown: dict[int, tuple[Step, tuple[Zone, ...], Step]] = {}
         """By the step's identity: the step, the zones, and as it was flown with them last."""
-        self._joined = False
+        self._joined: int | None = None
+        """The law's tag of the peer whose frame was taken over; None: the frame is the own one."""
         self._hemmed: tuple[Step, int] | None = None
         """The step, and the leg of it on which a zone that came lies on the formation."""
 
@@ -36,12 +37,18 @@ class Detour:
         out, at the next corner, and each agent goes round by itself."""
         return frame is not None and self._hemmed == (step, frame.leg)
 
-    def join(self) -> None:
-        """The frame that comes next is a peer's: it counts the corners as they are now."""
-        self._joined = True
+    def join(self, law_tag: int) -> None:
+        """The frame that comes next is a peer's: it counts the corners as they are with its law and
+        zones, which this agent may have to take up first."""
+        self._joined = law_tag
 
     def flown(
-        self, step: Step, before: PlannedFormation, zones: tuple[Zone, ...], frame: Frame | None
+        self,
+        step: Step,
+        before: PlannedFormation,
+        zones: tuple[Zone, ...],
+        frame: Frame | None,
+        law_tag: int = 0,
     ) -> tuple[Step, Frame | None]:
         """The step as it is flown with these zones in force, and where the frame stands in it.
 
@@ -50,7 +57,11 @@ class Detour:
             before: where the formation stands when it begins, the same for all agents.
             zones: in force.
             frame: now, in the step as it was flown last.
+            law_tag: of the update that the zones came with; 0: they are the plan's.
         """
+        counted = self._joined is not None
+        if self._joined == law_tag:
+            self._joined = None
         known = self._flown.get(id(step))
         if known is not None and known[1] is zones:
             return known[2], frame
@@ -58,12 +69,11 @@ class Detour:
             return step, frame
         flown, was = self._among(step, before, zones), step if known is None else known[2]
         self._flown[id(step)] = step, zones, flown
-        if frame is not None and flown is not was and not self._joined:
+        if frame is not None and flown is not was and not counted:
             among = AmongZones.of(replace(self._plan, zones=zones), _heights_m(before))
             leg, free = _leg(frame, was.way_m, flown.way_m, before, among)
             frame = replace(frame, leg=leg, rate=0.0)
             self._hemmed = None if free else (flown, leg)
-        self._joined = False
         return flown, frame
 
     def _among(self, step: Step, before: PlannedFormation, zones: tuple[Zone, ...]) -> Step:

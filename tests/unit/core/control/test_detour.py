@@ -74,3 +74,26 @@ def test_all_agents_have_one_way_wherever_they_take_the_frame_to_be(
         among = AmongZones.of(replace(PLAN, zones=found), (10.0, 10.0))
         way = ((0.0, 0.0), *step.way_m)
         assert not any(among.cut(leg_m) for leg_m in itertools.pairwise(way))
+
+
+def test_a_frame_that_was_taken_over_counts_its_corners_as_the_peer_does() -> None:
+    """Until the agent has the peer's zones; of zones that come later it counts them anew."""
+    pond = (Zone("pond", ((50.0, 0.0),), 5.0, 1.25),)
+    elm = (*pond, Zone("elm", ((100.0, 60.0),), 5.0, 1.25))
+    way_m = Detour(PLAN).flown(MOVE, BEFORE, pond, None)[0].way_m
+    assert len(way_m) > 2
+    theirs = Frame((100.0, 20.0), leg=len(way_m) - 1)
+    detour = Detour(PLAN)
+    detour.join(7)
+    assert detour.flown(MOVE, BEFORE, PLAN.zones, theirs, 0) == (MOVE, theirs)
+    assert detour.flown(MOVE, BEFORE, pond, theirs, 7)[1] == theirs
+    step, later = detour.flown(MOVE, BEFORE, elm, theirs, 8)
+    assert later is not None
+    assert len(way_m) - 1 <= later.leg < len(step.way_m)
+    assert step.way_m[later.leg] != MOVE.waypoints_m[0]
+    same = Detour(PLAN)
+    same.join(0)
+    assert same.flown(MOVE, BEFORE, PLAN.zones, at(0.9, 1), 0)[1] == at(0.9, 1)
+    step, mapped = same.flown(MOVE, BEFORE, pond, at(0.9, 1), 7)
+    assert mapped is not None
+    assert step.way_m[mapped.leg] == MOVE.waypoints_m[1]
