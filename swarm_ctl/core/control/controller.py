@@ -15,6 +15,7 @@ from swarm_ctl.core.control.headwind import Headwind
 from swarm_ctl.core.control.law_input import LawInput, LawInputBuilder, flies_along
 from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.kernel import align, law
+from swarm_ctl.core.kernel.constraints import flown_s, nearest, passed_at
 from swarm_ctl.core.kernel.receiver import Me
 from swarm_ctl.core.kernel.wish import bent, shortened
 from swarm_ctl.core.law.formation_law import PAPER, FormationLaw
@@ -79,6 +80,8 @@ class Controller:
         self._seen = 0
         """So many of the pairs are of it: those inside r_out."""
         self._tally = [0] * len(law.STATUSES)
+        self._sides = dict[int, tuple[complex, int]]()
+        """By lost peer: on which side it is passed, and after how many dead-locks."""
         self.overspeed_ticks = 0
         self.setpoint_mps: Point = (0.0, 0.0)
         """This tick's."""
@@ -166,7 +169,7 @@ class Controller:
             # A mean, no sum: at twice the law's rate its stop point swings.
             consensus = 0.5 * (consensus + self.gain * complex(*off_m))
         if extra_mps != (0.0, 0.0) or off_m is not None:
-            wish = self._around(consensus + complex(*extra_mps))
+            wish = self._around(snapshot, consensus + complex(*extra_mps))
             return self._filtered(snapshot, wish + avoidance, formation)
         own = complex(*self.stop_point_m)
         flown = self.safety_filter.velocity(snapshot, own, consensus, avoidance, formation)
@@ -183,7 +186,7 @@ class Controller:
             pull = wish_on(leg, complex(*self.point_m), self.gain, speed_mps)
         else:
             pull = self.gain * (complex(*to_m) - complex(*self.point_m))
-        wish, own = self._around(shortened(pull, speed_mps)), complex(*self.stop_point_m)
+        wish, own = self._around(snapshot, shortened(pull, speed_mps)), complex(*self.stop_point_m)
         self.send(self.safety_filter.velocity(snapshot, own, wish, avoidance, NO_FORMATION))
         return self.setpoint_mps
 
@@ -302,20 +305,43 @@ class Controller:
         self._result = consensus, avoidance
         return consensus, avoidance
 
-    def _around(self, wish: complex) -> complex:
-        """The wish, bent around each aircraft within `r_out` that does not fly along: lost peers,
-        landing ones, strangers. Reads this tick's rows."""
+    def _around(self, snapshot: PeerSnapshot, wish: complex) -> complex:
+        """The wish, bent around each aircraft that is near and does not fly along: lost peers, from
+        where they may have flown to, and those within `r_out` that land, or are strangers. Reads
+        this tick's rows."""
         if not wish or self._others is None:
             return wish
+        wish = self._past_silent(snapshot, wish)
         unit, of = self._plan.unit_m, self._plan.law
         own = complex(*self.point_m) / unit
         for other, known in zip(self._others.aircraft, self._others.rows, strict=True):
             away = own - known.at
             squared = away.real * away.real + away.imag * away.imag
-            if squared >= of.r_out * of.r_out or flies_along(other):
+            silent = other.state is not None and not other.followed
+            if squared >= of.r_out * of.r_out or silent or flies_along(other):
                 continue
             room_m = (math.sqrt(squared) - 0.5 * (of.r_in + of.r_out)) * unit
             wish = bent(wish, away, max(0.0, _APPROACH_RATE * room_m))
+        return wish
+
+    def _past_silent(self, snapshot: PeerSnapshot, wish: complex) -> complex:
+        """The wish, bent around lost peers, each on one side: the one that walls leave, and the
+        other one after a dead-lock."""
+        own, safety = complex(*self.point_m), self.safety_filter
+        for other in safety.near(snapshot, own):
+            if other.state is None or other.followed:
+                continue
+            apart, age_s = own - other.stop_point, other.age_at_most_s
+            away = nearest(apart, other.setpoint, flown_s(age_s, fresh=False))
+            room_m = abs(away) - passed_at(age_s, safety.margins)
+            if room_m < safety.margins.zone:
+                side, fails = self._sides.get(other.id, (0j, 0))
+                if not side:
+                    side = safety.passing_side(away, own)
+                elif fails != safety.release.fails:
+                    side = -side
+                self._sides[other.id] = side, safety.release.fails
+                wish = bent(wish, away, max(0.0, _APPROACH_RATE * room_m), side)
         return wish
 
     def _filtered(self, snapshot: PeerSnapshot, wish: complex, formation: Formation) -> Point:

@@ -38,6 +38,8 @@ _PASSING: Final = 1.6
 flown that the proven bound allows to two that circle there. Two simulated ArduCopters that change
 places head-on, in units of 1.5 to 3 m: 1.10 r_in and more; with 1.85 once 0.94. Where caution was
 0.45 units wide whatever the speed, 0.67 in units of 1.5 m."""
+_PASSED: Final = 0.2
+"""Of caution's width: so far beyond D a silent aircraft is passed."""
 _STEP: Final = 0.01
 _LAG_ERROR: Final = 1.2
 """Vehicles may lag so much more than their model says."""
@@ -188,6 +190,19 @@ def flown_s(age_s: float, fresh: bool) -> float:
     return age_s if fresh else SILENT_FLIES_S
 
 
+def nearest(apart: complex, setpoint: complex, seconds: float) -> complex:
+    """From the nearest place on the way that it may have flown in this time; `apart` is from where
+    it was told."""
+    along = (apart * setpoint.conjugate()).real / max(abs(setpoint) ** 2, 1e-12)
+    return apart - setpoint * max(0.0, min(along, seconds))
+
+
+def passed_at(age_s: float, margins: Margins) -> float:
+    """How far from one that is silent for so long another passes: a little more than the keep-out
+    asks for."""
+    return margins.keep_out + margins.growth * min(age_s, _GROWS_S) + _PASSED * margins.zone
+
+
 def constrains(
     distance: float,
     setpoint: complex,
@@ -216,12 +231,10 @@ def constrains(
 def keep_out(other: Other, margins: Margins) -> tuple[complex, float, float]:
     """(normal, bound, room) of the keep-out against one other aircraft, which may have flown on
     with its setpoint until now; room is x - D."""
-    apart, setpoint = other.apart, other.setpoint
+    apart = other.apart
     if abs(apart) <= _ONE_SPOT:
         apart = complex(_ONE_SPOT if other.lower else -_ONE_SPOT, 0.0)
-    # the nearest place on the way that it may have flown
-    along = (apart * setpoint.conjugate()).real / max(abs(setpoint) ** 2, 1e-12)
-    q = apart - setpoint * max(0.0, min(along, flown_s(other.age_s, other.fresh)))
+    q = nearest(apart, other.setpoint, flown_s(other.age_s, other.fresh))
     x = abs(q)
     room = x - (margins.keep_out + margins.growth * min(other.age_s, _GROWS_S))
     share = 0.5 if other.yields else 1.0

@@ -21,7 +21,7 @@ from swarm_ctl.core.kernel.walls import (
     keep_off,
     wall_cap,
 )
-from swarm_ctl.core.kernel.wish import limited
+from swarm_ctl.core.kernel.wish import PASSES, limited
 
 WALLS: Final = 0
 """Rows that keep out of zones, and inside the fence."""
@@ -141,6 +141,20 @@ def keep_links(
         if bound > -margins.speed:
             used = put(rows, used, Row(normal.real, normal.imag, bound, LINK, LINKS, link.about))
     return used
+
+
+def freer_side(away: complex, walls: list[NearWall], near: int) -> complex:
+    """On which side an aircraft that stays is passed (`wish.bent`): where the first `near` walls
+    leave more room, and else where all pass. `away` points from it to us."""
+    size = abs(away)
+    if size < 1e-9:
+        return PASSES
+    way = away / size * PASSES
+    there, back = 1.0, 1.0
+    for k in range(near):
+        along = (walls[k].wall.normal.conjugate() * way).real
+        there, back = min(there, along), min(back, -along)
+    return -PASSES if there < min(back, 0.0) else PASSES
 
 
 def decided(

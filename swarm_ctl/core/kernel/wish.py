@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import math
+from typing import Final
+
+PASSES: Final = -1j
+"""Past an aircraft, seen from it: `away` times this is where to."""
 
 
 def limited(wish: complex, speed: float) -> complex:
@@ -18,16 +22,16 @@ def shortened(vector: complex, most: float) -> complex:
     return vector if length <= most else vector / length * most
 
 
-def bent(wish: complex, away: complex, closing: float) -> complex:
+def bent(wish: complex, away: complex, closing: float, turns: complex = PASSES) -> complex:
     """The wish, not approaching an aircraft that stays at more than `closing`; the rest of it goes
-    past.
+    past, on the side that `turns` says.
 
-    `away` points from the other to us. All agents turn to the same side, so no two are stuck
-    head-on.
+    `away` points from the other to us. On free air all agents turn to the same side, so no two are
+    stuck head-on.
     """
     size = abs(away)
     if size < 1e-9:
         return wish
     away /= size
     excess = -(wish * away.conjugate()).real - closing
-    return wish + excess * away * (1 - 1j) if excess > 0.0 else wish
+    return wish + excess * away * (1 + turns) if excess > 0.0 else wish

@@ -12,7 +12,16 @@ from typing import Final
 
 from swarm_ctl.core.kernel import constraints
 from swarm_ctl.core.kernel.constraints import Margins, Other, margins_of
-from swarm_ctl.core.kernel.decide import PAIRS, WALLS, Decision, Link, NearWall, Own, decided
+from swarm_ctl.core.kernel.decide import (
+    PAIRS,
+    WALLS,
+    Decision,
+    Link,
+    NearWall,
+    Own,
+    decided,
+    freer_side,
+)
 from swarm_ctl.core.kernel.program import Row, violated
 from swarm_ctl.core.kernel.release import NO_RELEASE, SWIRL_OFF, noted, swirled, turned
 from swarm_ctl.core.kernel.walls import FENCE
@@ -40,7 +49,7 @@ class SafetyFilter:
         self._plan = plan
         self._own = own_id
         self.estimate = estimate
-        self._margins = margins_of(plan.law, vehicle, plan.limits.speed_mps, plan.unit_m)
+        self.margins = margins_of(plan.law, vehicle, plan.limits.speed_mps, plan.unit_m)
         self._vehicle = vehicle
         self._kept = _NOTHING, 0
         """The wall that forbids the wish, and for how many ticks."""
@@ -57,10 +66,10 @@ class SafetyFilter:
         """A zone is over or under the vehicle where it is to climb or to sink: it leaves that place
         first."""
         self._swirl_off_m = (plan.law.r_out + SWIRL_OFF) * plan.unit_m
-        self.reach_m = max(self._margins.farthest, self._swirl_off_m)
+        self.reach_m = max(self.margins.farthest, self._swirl_off_m)
         """An aircraft farther away constrains nothing."""
         # a link that was told up to `NEIGHBOUR_S` ago may be so much longer by now
-        self._stretched_m = self._margins.guards_from - self._margins.speed * NEIGHBOUR_S
+        self._stretched_m = self.margins.guards_from - self.margins.speed * NEIGHBOUR_S
         self._looked: tuple[PeerSnapshot | None, list[OtherAircraft]] = (None, [])
         self.release = NO_RELEASE
         self._links = _GuardedLinks()
@@ -92,7 +101,7 @@ class SafetyFilter:
         if not self._plan.safety.release:
             return self.filtered(snapshot, own, consensus + avoidance, formation)
         wish = consensus + self._swirled(snapshot, own, consensus, avoidance)
-        speed, tick_s = self._margins.speed, self._plan.tick_s
+        speed, tick_s = self.margins.speed, self._plan.tick_s
         wish, self.release = turned(self.release, wish, consensus, self._own, speed, tick_s)
         flown = self.filtered(snapshot, own, wish, formation)
         self.release = noted(self.release, consensus, flown, speed, tick_s)
@@ -105,7 +114,7 @@ class SafetyFilter:
         that is not heard, because that one does not turn."""
         if not avoidance or not consensus:
             return avoidance
-        for other in self._near(snapshot, own):
+        for other in self.near(snapshot, own):
             if not other.fresh and abs(own - other.stop_point) < self._swirl_off_m:
                 return avoidance
         return swirled(consensus, avoidance)
@@ -119,7 +128,7 @@ class SafetyFilter:
         Peers of the same formation move with it, so between those only the difference from its
         common velocity counts. `own` is the own stop point.
         """
-        wish = limited(wish, self._margins.speed)
+        wish = limited(wish, self.margins.speed)
         if not self._plan.safety.filter:
             return wish
         self._ticks += 1
@@ -129,7 +138,7 @@ class SafetyFilter:
         itself = Own(estimate.doubt_s, estimate.response_s, formation.velocity)
         walls = self._walls(own)
         near_by = (near, len(near), links, len(links), walls, len(walls))
-        found = decided(wish, *near_by, itself, self._margins, rows)
+        found = decided(wish, *near_by, itself, self.margins, rows)
         self.wish = wish
         if walls or self._kept[1]:
             self._note_walls(found)
@@ -142,6 +151,11 @@ class SafetyFilter:
                 if row.source == PAIRS and violated(row, found.wish)
             )
         return found.velocity
+
+    def passing_side(self, away: complex, own: complex) -> complex:
+        """On which side an aircraft that stays is passed (`freer_side`)."""
+        walls = self._walls(own)
+        return freer_side(away, walls, len(walls))
 
     def over_zone(self, own: complex) -> str:
         """The zone that a vehicle at `own` would come down in, or beside nearer than it may: `zone
@@ -174,9 +188,9 @@ class SafetyFilter:
 
     def _others(self, snapshot: PeerSnapshot, own: complex, formation: Formation) -> list[Other]:
         """All aircraft that may constrain this tick."""
-        near, margins, key = list[Other](), self._margins, formation.key
+        near, margins, key = list[Other](), self.margins, formation.key
         reach, own_id, constrains = margins.reach, self._own, constraints.constrains
-        for other in self._near(snapshot, own):
+        for other in self.near(snapshot, own):
             apart, setpoint, age_s = own - other.stop_point, other.setpoint, other.age_at_most_s
             fresh, yields = other.fresh, other.yields
             if constrains(abs(apart), setpoint, age_s, fresh, yields, reach, margins):
@@ -194,7 +208,7 @@ class SafetyFilter:
         if not self._plan.safety.guard or self.loose:
             return links
         guarded = self._links.guarded(
-            self._own, formation, self._margins, self._plan.unit_m, self.release.left_s > 0.0
+            self._own, formation, self.margins, self._plan.unit_m, self.release.left_s > 0.0
         )
         if not guarded:
             return links
@@ -203,7 +217,7 @@ class SafetyFilter:
                 continue
             told = own - other.stop_point
             apart = constraints.carried(told, other.setpoint, other.age_at_most_s)
-            if constraints.kept(abs(apart), self._margins):
+            if constraints.kept(abs(apart), self.margins):
                 along, turning = (
                     other.formation == formation.key,
                     self._turning(formation, other.id),
@@ -219,7 +233,7 @@ class SafetyFilter:
         ends = complex(*formation.slots[self._own]) + complex(*formation.slots[other])
         return formation.spin * 0.5 * ends * self._plan.unit_m
 
-    def _near(self, snapshot: PeerSnapshot, own: complex) -> list[OtherAircraft]:
+    def near(self, snapshot: PeerSnapshot, own: complex) -> list[OtherAircraft]:
         """All aircraft that may constrain this tick; looked up once a snapshot."""
         if self._looked[0] is not snapshot:
             self._looked = (snapshot, snapshot.near(own, self.reach_m))

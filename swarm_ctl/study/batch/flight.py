@@ -20,11 +20,22 @@ from swarm_ctl.core.kernel.constraints import (
     carried,
     constrains,
     fits,
+    flown_s,
     kept,
     minded,
+    nearest,
+    passed_at,
     tight,
 )
-from swarm_ctl.core.kernel.decide import NO_LINK, NO_NEAR_WALL, Link, NearWall, Own, decided
+from swarm_ctl.core.kernel.decide import (
+    NO_LINK,
+    NO_NEAR_WALL,
+    Link,
+    NearWall,
+    Own,
+    decided,
+    freer_side,
+)
 from swarm_ctl.core.kernel.exchange import Part, Said, Shape, nothing_said, took_part
 from swarm_ctl.core.kernel.law import NO_PAIR, Law, Pair, terms
 from swarm_ctl.core.kernel.program import NO_ROW, Row
@@ -639,7 +650,7 @@ def _act(
             if s.wood:
                 walled = _walls(s, own, trunk, walls)
                 consensus, stays = _in_file(
-                    s, w, agent, pair, way_m, ends_m, ranks, along_m[i], i, tick
+                    s, w, agent, pair, way_m, ends_m, ranks, along_m[i], i, walls, walled, tick
                 )
             elif s.aligns:
                 consensus += pull(own - a.slot, total, count)
@@ -697,6 +708,8 @@ def _in_file(
     ranks: Ints,
     along_m: Floats,
     i: int,
+    walls: list[NearWall],
+    walled: int,
     tick: int,
 ) -> tuple[complex, bool]:
     """The wish of i in a move in file, and whether it stays: `core.control.in_file` and
@@ -728,12 +741,16 @@ def _in_file(
         if j == i:
             continue
         q, age_s = pair[i, j], (tick - pair[i, j].sent_at) * s.tick_s
-        away = own - (q.told + q.flies * min(age_s, most_s))
-        squared = away.real * away.real + away.imag * away.imag
-        late_s = _late_s(q.heard_from, begun, s.far)
-        if squared < s.r_out * s.r_out and age_s > NEIGHBOUR_S + late_s:
-            room = math.sqrt(squared) - 0.5 * (s.r_in + s.r_out)
-            wish = bent(wish, away, max(0.0, room))
+        if age_s > NEIGHBOUR_S + _late_s(q.heard_from, begun, s.far):
+            away = nearest(own - q.told, q.flies, flown_s(age_s, False))
+            room = abs(away) - passed_at(age_s, s.margins)
+            if room < s.margins.zone:
+                if q.passes == 0j:
+                    q.passes = freer_side(away, walls, walled)
+                elif q.passed != a.fails:
+                    q.passes = -q.passes
+                q.passed = a.fails
+                wish = bent(wish, away, max(0.0, room), q.passes)
     return wish, False
 
 
