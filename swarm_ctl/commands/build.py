@@ -320,5 +320,5 @@ def _tune(order: Order, swarm: SwarmNow) -> tuple[tuple[int, ...], Tuning]:
         gains = tuned(order.arguments, gains, plan)
     at_s = swarm.time_s + LEAD_S * max(1.0, swarm.speedup)
     ahead_s = tuple((agent.id, agent.clock_ahead_s) for agent in asked if agent.clock_ahead_s)
-    told = None if zones == plan.zones else zones
+    told = None if zones == plan.zones and order.kind != CommandKind.ZONE else zones
     return tuple(agent.id for agent in asked), Tuning(gains, at_s, ahead_s, told)

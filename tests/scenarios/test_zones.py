@@ -488,3 +488,16 @@ def test_a_return_that_a_zone_holds_up_names_it() -> None:
     assert max(event.time_s for event in said) < begun_s + 30.0
     reasons = {member.ended.reason for member in swarm.members.values() if member.ended}
     assert any("timed out after 60 s" in why and "no way past zone r" in why for why in reasons)
+
+
+def test_all_pass_one_that_was_lost_in_the_gate_s_mouth() -> None:
+    """Its vehicle has landed beside the way, and nobody knows: they go round it on the side that
+    the hedge leaves."""
+    path = Path(__file__).parents[2] / "missions" / "wood.yaml"
+    wood = path.read_text(encoding="utf-8")
+    swarm = landing_fast(VirtualSwarm(loads(wood + "policies: {agent_lost: continue}\n")))
+    swarm.wait(lambda s: s.now >= 55.0)
+    swarm.kill(7)
+    swarm.wait(lambda s: all(m.ended for i, m in s.members.items() if i != 7))
+    left = {outcome for agent, outcome in swarm.outcomes().items() if agent != 7}
+    assert left == {"completed"}

@@ -266,7 +266,7 @@ class GainUpdate:
         """Why it would change other zones than was meant, or ''. Its sender may know the zones of a
         moment ago: no zone that was just added is lifted by that."""
         changes = zone_changes(self._of(self.zones), self._of(tuning.zones))
-        if kind == CommandKind.ZONE and tuning.zones is None:
+        if kind == CommandKind.ZONE and self._of(tuning.zones) == self._plan.zones:
             return ""  # back to the mission's own
         most = 1 if kind == CommandKind.ZONE else 0
         if changes.count(",") + bool(changes) <= most:
@@ -390,7 +390,8 @@ class GainUpdate:
             return []
         self._since, self.tag = (tuning.at_s, tag), tag
         before, self.gains = self.gains, tuning.gains
-        zones, self.zones = self.zones, tuning.zones
+        zones = self.zones
+        self.zones = None if tuning.zones == self._plan.zones else tuning.zones
         changed = zone_changes(self._of(zones), self._of(self.zones))
         what = differences(before, self.gains) or ("" if changed else "the same values")
         said = [(Severity.INFO, f"the law is another one: {what}")] if what else []

@@ -93,7 +93,7 @@ def test_agents_that_differ_get_the_mission_s_own_zones_by_an_order() -> None:
         command = build(parse("zone plan", PLAN), replace(SWARM, agents=agents))
         assert command.agents == (1, 2, 3, 4, 5, 6)
         assert command.tuning is not None
-        assert (command.tuning.zones, command.tuning.gains) == (None, planned(PLAN))
+        assert (command.tuning.zones, command.tuning.gains) == (PLAN.zones, planned(PLAN))
 
 
 def test_words_are_completed() -> None:

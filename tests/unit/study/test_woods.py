@@ -119,3 +119,11 @@ def test_a_row_of_a_wood_is_a_mission_with_the_same_zones(tmp_path: Any) -> None
     plan = loads((tmp_path / "wood.yaml").read_text()).plan
     assert len(plan.zones) == 25
     assert np.allclose([z.radius_m for z in plan.zones], batch.woods[0].radius * 5.0)
+
+
+def test_one_that_died_in_a_trap_s_lane_is_passed_away_from_the_hedge() -> None:
+    """The hedge is on the side on which all pass in free air: 15 of these arrived when they did."""
+    drawn = {"trunk": "0.1:0.5", "gap": "0.2:1.2", "delay_s": "0:0.2", "loss": "0:0.2"}
+    found = fly(woods(wood="trap", missions=24, silent=1.0, limit_s=150, trunks="10:30", **drawn))
+    assert int(np.count_nonzero(found.converged)) >= 20
+    assert float(found.smallest_silent.min()) > 0.5
