@@ -20,7 +20,8 @@ def rounded(slots: npt.NDArray[np.float64]) -> tuple[Point, ...]:
 
 
 def nearest(points: npt.ArrayLike, slots: npt.ArrayLike) -> Array:
-    """The slots (n, 2) in the order of the points (n, 2) with the least total squared distance.
+    """The slots (n, 2) in the order of the points (n, 2) with the least total squared distance;
+    with a third column, of heights, both (n, 3).
 
     The centroids are aligned first: the law forms the shape anywhere, so only the place within it
     counts. A point that is nan takes any slot.
@@ -34,6 +35,15 @@ def nearest(points: npt.ArrayLike, slots: npt.ArrayLike) -> Array:
         # Rounded, so that machines whose last bits differ choose alike between slots equally far.
         cost[known] = np.round(np.sum(between**2, axis=-1), 9)
     return targets[_assigned(cost)]
+
+
+def nearest_with_heights(
+    points: npt.ArrayLike, slots: npt.ArrayLike, before: npt.ArrayLike, heights: npt.ArrayLike
+) -> tuple[Array, list[float]]:
+    """`nearest`, the points at heights `before` (n,) and the slots at `heights`, in units, too: the
+    slots (n, 2), and their heights."""
+    rows = nearest(np.column_stack([points, before]), np.column_stack([slots, heights]))
+    return rows[:, :2], rows[:, 2].tolist()
 
 
 def _assigned(cost: Array) -> npt.NDArray[np.intp]:

@@ -184,7 +184,7 @@ def _check(order: Order, plan: Plan) -> None:
 def _form(shape: str, swarm: SwarmNow) -> FormStep:
     """A shape of the plan; each slot goes to an agent that is near."""
     plan, points_m = swarm.plan, swarm.stop_points_m("form")
-    shapes = {each.name: each.slots for each in plan.shapes}
+    shapes = {each.name: each for each in plan.shapes}
     if shape not in shapes:
         close = difflib.get_close_matches(shape, shapes, n=1)
         hint = f"; did you mean {close[0]}?" if close else ""
@@ -197,9 +197,15 @@ def _form(shape: str, swarm: SwarmNow) -> FormStep:
     for place, agent in enumerate(plan.agents):
         if agent.id in points_m:
             points[place] = np.array(points_m[agent.id]) / plan.unit_m
-    dealt = slot_assignment.rounded(slot_assignment.nearest(points, shapes[shape]))
+    wanted = shapes[shape]
+    if wanted.ups_m:
+        level = np.zeros(len(points))  # all heights cost each agent as much
+        found, ups = slot_assignment.nearest_with_heights(points, wanted.slots, level, wanted.ups_m)
+        dealt, ups_m = slot_assignment.rounded(found), tuple(ups)
+    else:
+        dealt, ups_m = slot_assignment.rounded(slot_assignment.nearest(points, wanted.slots)), ()
     chosen = np.array(dealt)
-    if smallest_distance(chosen) <= plan.law.r_out:
+    if smallest_distance(chosen, ups_m, plan.slot_layer_m) <= plan.law.r_out:
         raise InputError(
             f"slots of {shape} are closer than r_out, {plan.law.r_out * plan.unit_m:g} m"
         )
@@ -210,7 +216,7 @@ def _form(shape: str, swarm: SwarmNow) -> FormStep:
         swarm,
         {a.id: centre + at for a, at in zip(plan.agents, offsets, strict=True)},
     )
-    return FormStep(shape, dealt, _TOLERANCE_M, _SETTLE_S, _NO_END_S)
+    return FormStep(shape, dealt, _TOLERANCE_M, _SETTLE_S, _NO_END_S, ups_m=ups_m)
 
 
 def _move(order: Order, swarm: SwarmNow) -> MoveStep:

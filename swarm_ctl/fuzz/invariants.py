@@ -155,9 +155,10 @@ def _closest(
     if not counts.any():
         return None
     gap = np.linalg.norm(one[:, :2] - other[:, :2], axis=1)
+    counts = counts & (np.abs(one[:, 2] - other[:, 2]) < seen.plan.layer_m)
     gap[~counts] = np.inf
     at = int(gap.argmin())
-    return float(gap[at]), float(truth.time_s[at])
+    return (float(gap[at]), float(truth.time_s[at])) if math.isfinite(gap[at]) else None
 
 
 def _flown_by_agents(seen: Seen, agent: int) -> npt.NDArray[np.bool_]:

@@ -48,6 +48,9 @@ _STATE: Final = struct.Struct("<BBHIdQHB3d3f2d2f2d3f2fBBIII8h")
 stop_point_m, setpoint_mps, frame (point_m, angle_rad, scale, rate), response_s, doubt_s, frame.leg,
 stage, override, gains_tag, next_gains_tag, exchange. Flags: bit 0 done, bit 1 airborne, bit 2 frame
 (else its fields are 0), bits 3 and 4 left (its place in `_LEFT`), bit 5 down."""
+_HEIGHT: Final = struct.Struct("<f")
+"""goal_height_m, behind a state of a mission whose slots have heights."""
+_HIGH_SIZE: Final = _STATE.size + _HEIGHT.size
 _STATE_PEEK: Final = struct.Struct("<2xH4xd11x2d")
 """agent, time_s, north and east of the same."""
 _DONE, _AIRBORNE, _FRAME, _DOWN = 1, 2, 4, 32
@@ -116,14 +119,20 @@ def _encode_state(s: AgentState) -> bytes:
     shared = (*frame.point_m, frame.angle_rad, frame.scale, frame.rate)
     response = (s.response_s, s.doubt_s, min(frame.leg, 255))
     progress = (s.stage, s.override, s.gains_tag, s.next_gains_tag)
-    return _STATE.pack(*head, *motion, *shared, *response, *progress, *_exchange_fields(s.exchange))
+    rest = b"" if s.goal_height_m is None else _HEIGHT.pack(s.goal_height_m)
+    exchange = _exchange_fields(s.exchange)
+    return _STATE.pack(*head, *motion, *shared, *response, *progress, *exchange) + rest
 
 
 def _decode_state(data: bytes) -> AgentState:
+    goal_m = None
+    if len(data) == _HIGH_SIZE:
+        (goal_m,) = _HEIGHT.unpack_from(data, _STATE.size)
+        data = data[: _STATE.size]
     values = _STATE.unpack(data)
     _, flags, agent, seq, time_s, plan_hash, step, phase = values[:8]
     # One sum for all floats: it is not finite if one of them is not.
-    if not math.isfinite(sum(values[8:25], time_s)):
+    if not math.isfinite(sum(values[8:25], time_s)) or not math.isfinite(goal_m or 0.0):
         raise ValueError("a number is not finite")
     angle_rad, scale, rate, response_s, doubt_s, leg = values[20:26]
     frame = Frame(values[18:20], angle_rad, scale, leg, rate) if flags & _FRAME else None
@@ -151,12 +160,13 @@ def _decode_state(data: bytes) -> AgentState:
         doubt_s,
         _LEFT[flags >> _LEFT_BIT & 3],
         flags & _DOWN != 0,
+        goal_m,
     )
 
 
 def glimpse(kind: type[object], data: bytes) -> Glimpse | None:
     """A state or a clock word, unchecked, with a tenth of the work of `decode`; None: neither."""
-    if kind is AgentState and len(data) == _STATE.size:
+    if kind is AgentState and len(data) in (_STATE.size, _HIGH_SIZE):
         agent, time_s, north, east = _STATE_PEEK.unpack_from(data)
         return Glimpse(agent, time_s, (north, east))
     if kind is ClockNews and len(data) >= _CLOCK.size:

@@ -19,6 +19,7 @@ from swarm_ctl.mission.sections.mission_sections import (
     OriginSection,
     PolicySection,
     SafetySection,
+    WakeSection,
 )
 from swarm_ctl.mission.sections.section import Links, Name, Section, Timeout
 from swarm_ctl.mission.sections.shape_sections import Shape
@@ -48,6 +49,7 @@ class MissionFile(Section):
     law: LawSection
     vehicle: VehicleSection = VehicleSection()
     safety: SafetySection = SafetySection()
+    wake: WakeSection = WakeSection()
     policies: PolicySection = PolicySection()
     fence: FenceSection = FenceSection()
     zones: dict[Name, ZoneSection] = Field(default={}, max_length=250)

@@ -231,7 +231,12 @@ class VirtualSwarm:
     def _watch_distances(self) -> None:
         world = self.hub.world
         if world.flying:
-            np.minimum(self._closest_m2, world.pairs.square, out=self._closest_m2)
+            square = world.pairs.square
+            if self.plan.wake is not None:
+                down = np.asarray(world.positions())[:, 2]
+                apart = np.abs(np.subtract.outer(down, down)) >= self.plan.layer_m
+                square = np.where(apart, np.inf, square)
+            np.minimum(self._closest_m2, square, out=self._closest_m2)
 
     def _turn(self, member: VirtualAgent) -> Iterator[None]:
         """One agent's tick, with a halt after each part of it."""

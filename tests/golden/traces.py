@@ -30,7 +30,7 @@ from swarm_ctl.virtual.scenario_flight import FlownScenario, ScenarioFlight
 HERE: Final = Path(__file__).parent
 MISSIONS: Final = HERE.parents[1] / "missions"
 HASHES: Final = HERE / "hashes.json"
-_NOTHING: Final = (b',"zones":null', b',"opens_m":null')
+_NOTHING: Final = (b',"zones":null', b',"opens_m":null', b',"ups_m":[]')
 SUFFIX: Final = ".jsonl.gz"
 """Of a trace's file."""
 CUT_S: Final = {"thirtytwo": 30.0, "hundred": 8.0}

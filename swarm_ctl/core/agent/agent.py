@@ -170,7 +170,8 @@ class Agent:
         self._inside = ""
         """The zone that the vehicle is in."""
         self._shape = self._group.reference.shape
-        """Before the newest commanded one."""
+        """Before the newest commanded one; so the next."""
+        self._heights = self._group.heights
         # what hears and judges
         self._navigator = Navigator(plan.origin)
         reach_m = self._controller.safety_filter.reach_m
@@ -316,7 +317,7 @@ class Agent:
         if not new:
             return ack
         if command.kind == CommandKind.FORM:
-            self._shape = group.reference.shape
+            self._shape, self._heights = group.reference.shape, group.heights
         self._log.say(tick.now, Severity.INFO, f"the operator commands: {_named(command)}")
         self._peers.expel(handler.expelled)
         if command.kind == CommandKind.RESUME and self._phase is Phase.YIELD:
@@ -345,6 +346,7 @@ class Agent:
         self._takeover.catch_up(tick)
         if before.kind == CommandKind.FORM:
             self._group.reference.form(*self._shape)
+            self._group.heights = self._heights
         after = handler.override
         self._enter(after.step if after else None, before.leg)
 
@@ -494,6 +496,7 @@ class Agent:
             group.begin_form(form)
         elif form is not None:
             group.reference.form(form.slots)
+            group.heights = form.ups_m, False
         else:
             group.reference.begin(leg if again else 0)
 
@@ -555,6 +558,7 @@ class Agent:
             doubt_s=controller.estimate.doubt_s,
             left=left.order if left is not None else None,
             down=stands and self._phase is Phase.ENDED,
+            goal_height_m=self._steering.goal_height_m if self._plan.wake is not None else None,
         )
 
     def _report(self, tick: Tick, inbox: Inbox, actions: Actions) -> None:

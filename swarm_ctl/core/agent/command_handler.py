@@ -17,7 +17,7 @@ from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.agent.return_to_launch import highest_m
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.messages import ABOUT, ENDING, Ack, Command, CommandKind, Departure, Phase
-from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.plan import MOST_UP_M, Plan
 from swarm_ctl.core.model.steps.hold import HoldStep
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.model.text import printable
@@ -291,7 +291,11 @@ def _check_form(command: Command, situation: AgentSituation) -> str:
         return f"{step.shape} has {len(step.slots)} slots for {len(situation.members)} agents"
     if not all(math.isfinite(x) for slot in step.slots for x in slot):
         return "a slot is not finite"
-    apart, r_out = smallest_distance(step.slots), plan.law.r_out
+    if step.ups_m and (plan.wake is None or len(step.ups_m) != len(step.slots)):
+        return "a shape with heights; allowed: one of a mission whose shapes have some"
+    if not all(abs(up_m) <= MOST_UP_M for up_m in step.ups_m):  # NaN is not
+        return f"a slot is over {MOST_UP_M:g} m above or below the flight height"
+    apart, r_out = smallest_distance(step.slots, step.ups_m, plan.slot_layer_m), plan.law.r_out
     if apart <= r_out:
         return (
             f"slots of {step.shape} are {apart:.3g} units apart; allowed: more than r_out {r_out:g}"

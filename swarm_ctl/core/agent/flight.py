@@ -67,6 +67,8 @@ class OwnVehicle:
     """Height of the take-off point in the common frame."""
     target_height_m: float = 0.0
     planned_height_m: float = 0.0
+    up_m: float = 0.0
+    """Of that, how far the own slot is above the flight height."""
 
     @property
     def ours(self) -> bool:
@@ -128,6 +130,13 @@ class OwnVehicle:
     def climb_to(self, height_m: float) -> None:
         """The mission's height from now on."""
         self.target_height_m = self.planned_height_m = height_m
+        self.up_m = 0.0
+
+    def fly_up(self, up_m: float) -> None:
+        """To the height of the own slot, so far above the flight height."""
+        if up_m != self.up_m:
+            self.climb_to(self.planned_height_m - self.up_m + up_m)
+            self.up_m, self.at_height, self.sunk_since_s = up_m, False, None
 
     def go_home_at(self, height_m: float) -> None:
         """The height of the way back."""

@@ -69,6 +69,11 @@ class Group:
         because a command has held them for longer than the mission waits."""
         self.accepted: set[int] = set()
         """Those of them that the operator has commanded to go on without."""
+        self.high = plan.wake is not None
+        """Slots have heights."""
+        self.heights: tuple[tuple[float, ...], bool] = (), True
+        """How far above the flight height the slots of the newest shape are, and whether roles
+        decide whose slot is whose."""
         self.formation_error_m: float | None = None
         """Largest |e_j - mean e| over the agents of the mission, itself included; None unless all
         of their states are fresh, or, of far peers, followed: the loss of three far words in a row
@@ -198,9 +203,18 @@ class Group:
         """Begin a form step of the mission: its shape by slot index, its graph, its exchanges."""
         exchange = self.slot_exchange
         self.reference.form(step.slots, exchange.roles)
+        self.heights = step.ups_m, True
         if step.neighbours is not None:
             self.neighbourhood.choose(exchange.in_roles(step.neighbours))
         exchange.begin(step.slots)
+
+    @property
+    def up_m(self) -> float:
+        """How far above the flight height the own slot is."""
+        ups_m, by_role = self.heights
+        if not ups_m:
+            return 0.0
+        return ups_m[self.slot_exchange.exchange.role if by_role else self.ids.index(self._own)]
 
     def on_way(self, step: Step, zones: tuple[Zone, ...], law_tag: int, override: int) -> Step:
         """The step as it is flown with these zones in force; call it before `formation`.

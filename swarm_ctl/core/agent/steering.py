@@ -125,18 +125,26 @@ class Steering:
     def __init__(self, controller: Controller, vehicle: OwnVehicle, limits: Limits) -> None:
         self._controller, self._vehicle, self._limits = controller, vehicle, limits
         self.setpoints = SetpointCount()
+        self.goal_height_m = 0.0
+        """The height above the common frame's origin that the vehicle flies to."""
 
     def fly(self, tick: Tick, course: Course | Goal) -> Goal:
         """The vehicle's goal in this tick. Without a fresh fix what is steered stands still."""
         controller, fix = self._controller, tick.fix
+        if fix is not None:  # what is not steered comes down
+            self.goal_height_m = -fix.position_ned_m[2] - self._vehicle.height(fix)
         if not isinstance(course, Course):
             controller.rest()
             return course
         if fix is None:
             controller.rest()
             return self._setpoint(tick.now, 0.0, 0.0, 0.0)
-        missing_m = self._vehicle.target_height_m - self._vehicle.height(fix)
-        controller.safety_filter.climbs_m = missing_m
+        vehicle, layers = self._vehicle, controller.safety_filter.layers
+        missing_m = vehicle.target_height_m - vehicle.height(fix)
+        lands = isinstance(course, KeepClear) and (course.down or course.room_m > 0.0)
+        controller.safety_filter.climbs_m, controller.safety_filter.lands = missing_m, lands
+        if not lands:
+            self.goal_height_m = missing_m - fix.position_ned_m[2]
         velocity = course.velocity(controller, tick.peers)
         if isinstance(course, ClimbOver):
             flown = complex(*fix.velocity_ned_mps[:2])
@@ -145,7 +153,7 @@ class Steering:
             return AirborneGoal(course.height_m, (sent.real, sent.imag))
         against, drift = controller.headwind.fade(), fix.drift_mps
         north, east = velocity[0] + against.real - drift[0], velocity[1] + against.imag - drift[1]
-        waits = controller.safety_filter.waits
+        waits = controller.safety_filter.waits or layers.waits_for is not None
         climb_mps = 0.0 if waits else climb_rate(missing_m, self._limits)
         return self._setpoint(tick.now, north, east, climb_mps)
 

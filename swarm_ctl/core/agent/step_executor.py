@@ -187,6 +187,7 @@ class StepExecutor:
             if stands or override.kind == CommandKind.EXPEL:
                 return Intent(KeepClear(), Phase.FLY, reason)
         course: Course = KeepClear()
+        self._vehicle.fly_up(self._group.up_m)
         if tick.fix is not None:
             if override is None:
                 self._exchange_slots(tick, step, own_m)
@@ -201,7 +202,7 @@ class StepExecutor:
                 place_m = self._group.file_place(tick, file, own_m)
                 course = KeepClear() if place_m is None else FlyTo(place_m, file.speed_mps)
         if override is None:
-            self._judge(tick.now, step, own_m)
+            self._judge(tick, step, own_m)
         return Intent(course, Phase.FLY, reason)
 
     def _exchange_slots(self, tick: Tick, step: Step, own_m: Point) -> None:
@@ -217,8 +218,18 @@ class StepExecutor:
         text = f"takes the slot of agent {partner} (exchanged: they were in each other's way)"
         self._log.say(tick.now, Severity.INFO, text)
 
-    def _judge(self, now: float, step: Step, own_m: Point) -> None:
+    def _at_height(self, tick: Tick) -> bool:
+        """The vehicle is at its slot's height, where slots have some."""
+        vehicle, fix = self._vehicle, tick.newest_fix
+        if not self._group.high:
+            return True
+        return fix is not None and (
+            abs(vehicle.target_height_m - vehicle.height(fix)) <= _HEIGHT_TOLERANCE_M
+        )
+
+    def _judge(self, tick: Tick, step: Step, own_m: Point) -> None:
         """Is the own part of the step done? Or its time over, where the mission then goes on?"""
+        now = tick.now
         group, progress = self._group, self._group.progress
         settling = step.settling
         if settling is None:
@@ -230,7 +241,7 @@ class StepExecutor:
         unjudged_s, self._judged_s = now - self._judged_s, now
         error_m = group.formation_error_m
         inside = error_m is not None and error_m < settling.tolerance_m
-        inside = inside and group.slot_exchange.settled(now)
+        inside = inside and group.slot_exchange.settled(now) and self._at_height(tick)
         if step.new_shape is None:
             inside = inside and group.reference.there(step, own_m)
         if error_m is None and self._inside_since is not None:

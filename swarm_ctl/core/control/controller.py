@@ -28,7 +28,7 @@ from swarm_ctl.core.safety.own_way import OwnWay, WayLeg, wish_on
 from swarm_ctl.core.safety.safety_filter import SafetyFilter
 from swarm_ctl.core.safety.surroundings import FENCE_NAME
 from swarm_ctl.core.swarm.gain_update import planned
-from swarm_ctl.core.swarm.snapshot import NO_FORMATION, Formation, PeerSnapshot
+from swarm_ctl.core.swarm.snapshot import NO_FORMATION, TRAFFIC, Formation, PeerSnapshot
 
 _APPROACH_RATE = 1.0
 """[1/s] of the room that is left: how fast a wish may approach an aircraft that does not fly along.
@@ -137,6 +137,7 @@ class Controller:
             fix.velocity_ned_mps,
         )
         self.safety_filter.height_m = -self._down_m
+        self.safety_filter.layers.locate(now, -self._down_m, -fix.velocity_ned_mps[2])
         point = self.estimate.stop_point(complex(north, east), complex(v_north, v_east))
         self.stop_point_m = (point.real, point.imag)
         plain = self._plan.compensation is Compensation.NONE
@@ -157,7 +158,10 @@ class Controller:
         the own stop point to the own place, for the agent that is pinned to it: the place weighs as
         much as all neighbours.
         """
-        snapshot = snapshot.aloft(self._down_m)
+        snapshot = self._in_layers(snapshot.aloft(self._down_m))
+        if self.safety_filter.layers.waits_for is not None:
+            # the shape would draw it under or over the very aircraft that it is to pass
+            return self.keep_clear(snapshot, room_m=self.safety_filter.keep_out_m)
         consensus, avoidance = self._terms(snapshot, formation)
         round_zones = self._round_zones(formation, off_m)
         if round_zones is not None:
@@ -179,7 +183,7 @@ class Controller:
     def go_to(self, snapshot: PeerSnapshot, to_m: Point, speed_mps: float) -> Point:
         """Straight to a point, keeping apart from what is aloft; around an aircraft that stands in
         the way, and out of a dead-lock as in a formation."""
-        snapshot = snapshot.aloft(self._down_m)
+        snapshot = self._in_layers(snapshot.aloft(self._down_m))
         _, avoidance = self._terms(snapshot, NO_FORMATION)
         leg = self._leg(complex(*to_m))
         if leg.round:
@@ -199,7 +203,7 @@ class Controller:
         `ground`: keep clear of vehicles that stand on the ground, too, as before a landing.
         """
         self._round, self.safety_filter.loose = "", False
-        snapshot = snapshot if ground else snapshot.aloft(self._down_m)
+        snapshot = self._in_layers(snapshot if ground else snapshot.aloft(self._down_m))
         _, wish = self._terms(snapshot, NO_FORMATION)
         own = complex(*self.stop_point_m)
         for other in snapshot.near(own, room_m):
@@ -211,7 +215,8 @@ class Controller:
         """Stay over a place, out of the way of what comes closer than the filter allows."""
         own = complex(*self.stop_point_m)
         wish = self.gain * (complex(*place_m) - own)
-        return self._filtered(snapshot.aloft(self._down_m), wish, NO_FORMATION)
+        snapshot = self._in_layers(snapshot.aloft(self._down_m))
+        return self._filtered(snapshot, wish, NO_FORMATION)
 
     def rest(self) -> None:
         """No setpoint of ours moves the vehicle in this tick."""
@@ -230,10 +235,17 @@ class Controller:
         """What keeps the vehicle from its place: `goes round zone oak`; '': nothing."""
         if self._round:
             return self._round
+        waits_for = self.safety_filter.layers.waits_for
+        if waits_for is not None:
+            whom = f"agent {waits_for}" if waits_for != TRAFFIC else "an aircraft"
+            return f"waits at its height for {whom}, which is in the way"
         wall = self.safety_filter.kept_off
         return f"kept {'inside' if wall == FENCE_NAME else 'off'} {wall}" if wall else ""
 
     # --- parts ---
+
+    def _in_layers(self, snapshot: PeerSnapshot) -> PeerSnapshot:
+        return self.safety_filter.in_layers(snapshot, complex(*self.stop_point_m))
 
     def _way_among(self, zones: tuple[Zone, ...]) -> OwnWay:
         plan = self._plan

@@ -53,12 +53,12 @@ class LawInputBuilder:
 
         A peer is carried on with its setpoint for at most `lead_s` [s], then with the formation's
         common velocity for as long as a prediction holds (`predicted_s`). A peer without a slot is
-        no neighbour.
+        no neighbour. One that is apart by height is no row, or, as a neighbour, one out of reach.
         """
         slots, neighbours = formation.slots, formation.neighbours
         now, plain, unit_m = snapshot.now_s, self._plain, self._unit_m
         key, velocity = formation.key, formation.velocity
-        traffic, within = snapshot.traffic, reach * reach
+        traffic, within, over = snapshot.traffic, reach * reach, snapshot.over
         if slots is not self._slots or len(traffic) != self._traffic:
             self._slots, self._traffic = slots, len(traffic)
             everyone = snapshot.peers + traffic
@@ -99,6 +99,13 @@ class LawInputBuilder:
                 q = own - point
                 if not q.real * q.real + q.imag * q.imag < within:
                     continue
+            if agent in over:
+                if not linked:
+                    continue
+                # out of reach, its slot with it: it counts for the shape alone
+                away = point - own
+                off = reach * (away / abs(away) if away else 1.0)
+                point, place = point + off, place + off
             aircraft.append(peer)
             known = (agent, point, place, setpoint / unit_m, age_s, linked, lower)
             rows.append(new(Known, known))

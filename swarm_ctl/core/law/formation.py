@@ -55,8 +55,19 @@ def closest_pair(points: npt.ArrayLike) -> tuple[float, tuple[int, int]] | None:
     return float(between[i, j]), (int(min(i, j)), int(max(i, j)))
 
 
-def smallest_distance(points: npt.ArrayLike) -> float:
-    """The smallest distance between two of the points, an (n, 2) array; infinite for fewer than
-    two."""
-    found = closest_pair(points)
-    return np.inf if found is None else found[0]
+def smallest_distance(
+    points: npt.ArrayLike, ups_m: Sequence[float] = (), layer_m: float = math.inf
+) -> float:
+    """The smallest distance between two of the points, an (n, 2) array, whose heights `ups_m` (():
+    all alike) differ by less than `layer_m`; infinite where there are no two."""
+    between = distances(points)
+    np.fill_diagonal(between, np.inf)
+    if ups_m:
+        between[apart_in_height(ups_m, layer_m)] = np.inf
+    return float(between.min(initial=np.inf))
+
+
+def apart_in_height(ups_m: Sequence[float], layer_m: float) -> npt.NDArray[np.bool_]:
+    """Of each two of n heights, whether they differ by `layer_m`, but for rounding: (n, n)."""
+    ups = np.asarray(ups_m, dtype=np.float64)
+    return np.asarray(np.abs(ups[:, None] - ups[None, :]) >= layer_m - 1e-9)

@@ -190,6 +190,9 @@ class AgentState:
     some agents alone."""
     down: bool = False
     """Its flight is over, and its vehicle stands on the ground, disarmed."""
+    goal_height_m: float | None = None
+    """The height above the common frame's origin that its vehicle flies to; None: the mission's
+    slots have no heights."""
 
 
 @row

@@ -31,10 +31,19 @@ from swarm_ctl.core.model.policies import DERIVED
 from swarm_ctl.core.model.policies import Policies as Policies
 from swarm_ctl.core.model.policies import Policy as Policy
 from swarm_ctl.core.model.steps.table import AnyStep
+from swarm_ctl.core.model.timeouts import FRESH_S
 from swarm_ctl.core.model.zones import Zone as Zone
 
 EVERYONE: Final = "all"
 """The name of the group of a mission that has no other."""
+HEIGHT_DOUBT_M: Final = 0.5
+"""What a vehicle's own estimate of its height is off by, at least: simulated ones stay under 0.2 m,
+and a baro drifts with the weather."""
+MOST_UP_M: Final = 120.0
+"""From the flight height to a slot, up or down."""
+_NEWER: Final = frozenset({"wake", "ups_m"})
+"""Fields that count in a plan's hash only where they say something: a plan that says nothing of
+heights is the one that it was before there were any."""
 _SLOW_LAG_S = 0.7
 _CALM_RATE = 2.0
 
@@ -124,6 +133,19 @@ class Limits:
     descent_mps: Annotated[float, Ge(0.1), Le(3)] = 1.0
 
 
+@dataclass(frozen=True, slots=True)
+class Wake:
+    """What the air below a vehicle asks of the others, in a mission whose slots have heights."""
+
+    layer_m: Annotated[float, DERIVED, Ge(0.5), Le(50)]
+    """Two vehicles that are closer than `law.r_in` have to differ in height by this much. Default:
+    by `rotor_distance_m`, where one vehicle's wake costs the one below 1.6 times its power."""
+    rotor_distance_m: Annotated[float, Ge(0.03), Le(5)] = 0.32
+    """From the middle of one rotor to that of the next one beside it."""
+    mass_kg: Annotated[float, Ge(0.02), Le(100)] = 1.5
+    """Of a vehicle as it takes off. It decides how fast the wake is, which `validate` tells."""
+
+
 class Compensation(StrEnum):
     """The points that the law works on."""
 
@@ -175,6 +197,8 @@ class ShapePlan:
 
     name: str
     slots: tuple[Point, ...]
+    ups_m: tuple[float, ...] = ()
+    """As `FormStep.ups_m`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,6 +280,19 @@ class Plan:
     fence: Fence | None
     safety: Safety
     zones: tuple[Zone, ...]
+    wake: Wake | None = None
+    """None: all slots are at the flight height, and all vehicles count as in one plane."""
+
+    @property
+    def layer_m(self) -> float:
+        """`Wake.layer_m`; infinite where all slots are at one height."""
+        return math.inf if self.wake is None else self.wake.layer_m
+
+    @property
+    def slot_layer_m(self) -> float:
+        """Agents at slots that differ in height by this much are apart by height, also by words
+        that are just fresh (`core/kernel/heights.py`)."""
+        return slot_layer_m(self.layer_m, self.limits)
 
     @property
     def agents(self) -> tuple[AgentPlan, ...]:
@@ -299,6 +336,11 @@ class Plan:
         return f"{self.hash():016x}"
 
 
+def slot_layer_m(layer_m: float, limits: Limits) -> float:
+    """`Plan.slot_layer_m`."""
+    return layer_m + 2.0 * HEIGHT_DOUBT_M + (limits.climb_mps + limits.descent_mps) * FRESH_S
+
+
 def fingerprint_of(value: Any) -> str:
     """16 hexadecimal digits of plain frozen data, the same on every machine (floats rounded to
     1e-9)."""
@@ -308,7 +350,8 @@ def fingerprint_of(value: Any) -> str:
 
 def _canonical(value: Any) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {f.name: _canonical(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        told = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+        fields = {k: _canonical(v) for k, v in told.items() if v or k not in _NEWER}
         return {"": type(value).__name__} | fields
     if isinstance(value, tuple | list):
         return [_canonical(item) for item in value]

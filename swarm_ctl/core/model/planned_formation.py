@@ -28,6 +28,8 @@ class PlannedFormation:
     height_m: float = 0.0
     formed: bool = False
     """A form step is done."""
+    ups_m: tuple[float, ...] = ()
+    """How far above `height_m` each slot is; (): all are at it."""
 
     @classmethod
     def at_start(cls, starts: Sequence[Point], unit_m: float) -> PlannedFormation:
@@ -50,6 +52,11 @@ class PlannedFormation:
         """Each agent's place in the common frame, with the centre here or at `centre_m`."""
         (north, east), unit = centre_m or self.centre_m, self.unit_m
         return [(north + n * unit, east + e * unit) for n, e in self.offsets]
+
+    @property
+    def heights_m(self) -> list[float]:
+        """Of each agent's place, above its take-off point."""
+        return [self.height_m + up_m for up_m in self.ups_m or (0.0,) * len(self.slots)]
 
     @property
     def radius_m(self) -> float:

@@ -31,6 +31,7 @@ from swarm_ctl.core.model.messages import SafetyReport
 from swarm_ctl.core.model.plan import Plan, Point, Response
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
 from swarm_ctl.core.model.zones import Zone
+from swarm_ctl.core.safety.layers import Layers
 from swarm_ctl.core.safety.surroundings import Surroundings
 from swarm_ctl.core.swarm.snapshot import Formation, OtherAircraft, PeerSnapshot
 
@@ -56,6 +57,9 @@ class SafetyFilter:
         self.set_zones(plan.zones)
         self.height_m = self.climbs_m = 0.0
         """Of the vehicle, above the origin, and how far it is to climb: zones end at heights."""
+        self.lands = False
+        """It is to go down through all heights below it."""
+        self.layers = Layers(plan, own_id, self._margins)
         self.loose = False
         """The vehicle is on a way round a zone: its links may stretch."""
         self.wish = 0j
@@ -65,6 +69,7 @@ class SafetyFilter:
         self.waits = False
         """A zone is over or under the vehicle where it is to climb or to sink: it leaves that place
         first."""
+        self.keep_out_m = self._margins.keep_out
         self._swirl_off_m = (plan.law.r_out + SWIRL_OFF) * plan.unit_m
         self.reach_m = max(self.margins.farthest, self._swirl_off_m)
         """An aircraft farther away constrains nothing."""
@@ -83,6 +88,12 @@ class SafetyFilter:
         self._surroundings = Surroundings(zones, self._plan.fence, self._vehicle, speed_mps)
         if self._kept[0] != FENCE:  # another zone may have its number now, or none
             self._kept = _NOTHING, 0
+
+    def in_layers(self, snapshot: PeerSnapshot, own: complex) -> PeerSnapshot:
+        """The snapshot, with those marked that the vehicle is apart from by height; `own` is its
+        stop point."""
+        climbs_m = -math.inf if self.lands else self.climbs_m
+        return self.layers.sorted(snapshot, own, self.height_m, climbs_m)
 
     def report(self) -> SafetyReport:
         """What was changed so far, and because of which aircraft since the last report."""

@@ -19,6 +19,7 @@ from swarm_ctl.core.model.timeouts import FAR_EVERY_S, FAR_LATE_S, FRESH_S, NEIG
 from swarm_ctl.core.swarm.clocks import PeerClock
 from swarm_ctl.core.swarm.plausibility import (
     CLOCK_S,
+    HEIGHT_JUMP_M,
     INSISTS_S,
     JUMP_M,
     LASTS_S,
@@ -27,6 +28,7 @@ from swarm_ctl.core.swarm.plausibility import (
     BeliefLimits,
     Creep,
     Doubt,
+    HeightJumps,
     Jumps,
     Suspicion,
 )
@@ -94,6 +96,7 @@ class Peer:
     _found_s: float = -math.inf
     _jumps: Jumps = NO_JUMPS
     _creep: Creep = field(default_factory=Creep)
+    _heights: HeightJumps = field(default_factory=HeightJumps)
     _other: _Other | None = None
     _back_s: float = -math.inf
     """When it last counted its states anew."""
@@ -161,6 +164,7 @@ class Peer:
             suspect,
             late_s > 0.0,
             self.true_s,
+            abs(self._heights.off_m),
         )
 
     def approach(self, now: float, *, near: bool) -> None:
@@ -244,6 +248,8 @@ class Peer:
         self._jumps, self._stepped_s = jumps, 0.0
         if self._flew and (creep := self._creep.look(old, state)) is not None:
             self._doubt_creep(creep, received_s)
+        if self._flew and self.limits.heights:
+            self._look_at_height(old, state, received_s)
         self._believe(state, received_s)
         return True
 
@@ -263,6 +269,15 @@ class Peer:
             self._back_s = received_s
         if self._stepped_s > _TURNS_S and received_s - self.received_s < INSISTS_S:
             self.doubt(_TWO, received_s)
+
+    def _look_at_height(self, old: AgentState, state: AgentState, received_s: float) -> None:
+        """It is followed all the same, and counts in no layer while it is doubted."""
+        climbed_m = old.position_ned_m[2] - state.position_ned_m[2]
+        climb_mps = -0.5 * (old.velocity_ned_mps[2] + state.velocity_ned_mps[2])
+        jumped_m = self._heights.look(state.time_s - old.time_s, climbed_m, climb_mps)
+        if jumped_m:
+            words = f"its height jumped by {abs(jumped_m):.1f} m; allowed: {HEIGHT_JUMP_M:g} m"
+            self.doubt(Suspicion(Doubt.HEIGHT, words), received_s)
 
     def _doubt_creep(self, finding: Suspicion, received_s: float) -> None:
         """It is followed all the same: where its vehicle is instead, no other word tells."""

@@ -49,6 +49,9 @@ CREEP_M: Final = 3.0
 0.3 m/s is named after 14 s, one of under 0.15 m/s never. Real PX4s came to 1.3 m (square, hexagon,
 crossing) and ArduCopters to 0.07 m, simulated vehicles under 0.5 m of GPS noise to 1.7 m, in all
 other bad weather to 1.1 m."""
+HEIGHT_JUMP_M: Final = 0.7
+"""In `_CREPT_OVER_S`: more than a climb that changes its rate between two words, and the noise of
+heights, make up."""
 _CREPT_S: Final = 20.0
 """Of late."""
 _CREPT_OVER_S: Final = 1.0
@@ -74,6 +77,8 @@ class Doubt(StrEnum):
     """Two senders speak as one agent."""
     FRAME = "frame"
     """A frame of the formation that its step does not have."""
+    HEIGHT = "height"
+    """Heights that move otherwise than the climb rates tell."""
     SENSOR = "sensor"
     """The traffic sensor sees the vehicle stop elsewhere."""
 
@@ -110,6 +115,8 @@ class BeliefLimits:
     """From full speed, once zero acts."""
     in_plan: InPlan
     """What can be named."""
+    heights: bool
+    """The slots have heights, so that these are looked at."""
 
     @classmethod
     def of(cls, plan: Plan) -> BeliefLimits:
@@ -118,7 +125,8 @@ class BeliefLimits:
         moves = max(plan.policies.max_speed_mps, 2.0 * speed_mps)
         slowest = response.dead_time_s + response.lag_s + _SLOWER_S
         stops = stop_distance(moves, response)
-        return cls(2.0 * moves, moves, _ROUNDING * speed_mps, slowest, stops, InPlan(plan))
+        high = plan.wake is not None
+        return cls(2.0 * moves, moves, _ROUNDING * speed_mps, slowest, stops, InPlan(plan), high)
 
     def counted_s(self, response_s: float) -> float:
         """The response that is counted with, of a peer that tells this one."""
@@ -226,6 +234,37 @@ class Creep:
             return None
         words = f"its places drift: {abs(self._off):.1f} m from where its velocities lead"
         return Suspicion(Doubt.CREEP, f"{words}; allowed: {CREEP_M:g} m")
+
+
+class HeightJumps:
+    """How far heights have jumped away from where climb rates lead: of a peer's words, or of the
+    own estimate. An estimate that has jumped once is off by that, before or after it."""
+
+    def __init__(self) -> None:
+        self.off_m = 0.0
+        """All jumps together."""
+        self._new_m = self._for_s = 0.0
+
+    def look(self, elapsed_s: float, climbed_m: float, climb_mps: float) -> float:
+        """The jump that has become plain now [m], or 0.
+
+        Args:
+            elapsed_s: since the last height.
+            climbed_m: from that one to this one.
+            climb_mps: the mean of both climb rates.
+        """
+        if not 0.0 < elapsed_s <= _CREPT_GAP_S:
+            self._new_m = self._for_s = 0.0
+            return 0.0
+        self._new_m += climbed_m - climb_mps * elapsed_s
+        self._for_s += elapsed_s
+        jumped = abs(self._new_m) > HEIGHT_JUMP_M
+        if not jumped and self._for_s < _CREPT_OVER_S:
+            return 0.0
+        found = self._new_m if jumped else 0.0
+        self.off_m += found
+        self._new_m = self._for_s = 0.0
+        return found
 
 
 def _over(what: str, value: float, most: float, unit: str) -> Suspicion:

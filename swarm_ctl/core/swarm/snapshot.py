@@ -72,6 +72,8 @@ class OtherAircraft(NamedTuple):
     that of a tick before."""
     true_s: float = -math.inf
     """When its state was true, on the own clock."""
+    height_off_m: float = 0.0
+    """By so much its heights have jumped in this flight (`HeightJumps`)."""
 
     def age(self, now: float) -> float:
         """Of its state at `now` [s]."""
@@ -104,6 +106,9 @@ class PeerSnapshot:
     """Every other agent of the plan, in the plan's order, heard or not."""
     traffic: tuple[OtherAircraft, ...] = ()
     """What only the traffic sensor sees, nearest first."""
+    over: frozenset[int] = frozenset()
+    """The peers that the own vehicle is apart from by height (`core/safety/layers.py`): no plane
+    between them acts."""
 
     def without(self, gone: Container[int]) -> PeerSnapshot:
         """The same, as if the agents `gone` had never been heard."""
@@ -134,12 +139,15 @@ class PeerSnapshot:
         return next((peer.age(self.now_s) for peer in self.peers if peer.id == agent), math.inf)
 
     def near(self, own: complex, reach_m: float) -> list[OtherAircraft]:
-        """All aircraft whose told stop point is less than `reach_m` from the point `own`."""
+        """All aircraft whose told stop point is less than `reach_m` from the point `own`, but those
+        `over` it."""
         found = [
             peer
             for peer in self.peers
             if peer.state is not None and abs(own - peer.stop_point) < reach_m
         ]
+        if self.over:
+            found = [peer for peer in found if peer.id not in self.over]
         found += (other for other in self.traffic if abs(own - other.stop_point) < reach_m)
         return found
 

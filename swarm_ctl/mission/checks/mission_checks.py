@@ -14,13 +14,13 @@ from typing import Any
 
 from swarm_ctl import law_loader
 from swarm_ctl.core.law import graph
-from swarm_ctl.core.law.formation import distances
+from swarm_ctl.core.law.formation import apart_in_height, distances
 from swarm_ctl.core.safety.fence import area, crossing_edges, inside
 from swarm_ctl.core.swarm.hearing import SMALL_SWARM
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.checks import zone_checks
 from swarm_ctl.mission.fleet.fleet_checks import check_fleet, check_hosts, check_trust
-from swarm_ctl.mission.geometry.shapes import slot_count, slots_of
+from swarm_ctl.mission.geometry.shapes import slot_count, slots_of, ups_of
 from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import (
     ROUNDING,
@@ -228,6 +228,13 @@ def _shapes(mission: MissionFile) -> Findings:
 
 def _slot_distances(mission: MissionFile, place: Place, shape: Shape) -> Findings:
     between, r_out = distances(slots_of(shape, len(mission.agents))), mission.law.r_out
+    ups_m = ups_of(shape, len(mission.agents))
+    if len(ups_m) != len(between):
+        what, allowed = f"{len(ups_m)} heights for {len(between)} slots", "one for each slot"
+        yield Mistake((*place, "up_m"), what, allowed)
+        return
+    layer_m = mission.wake.spacing_m(mission.vehicle.limits)
+    between[apart_in_height(ups_m, layer_m)] = math.inf
     metre = metres(mission)
     close = sorted(
         (float(between[i, j]), i, j)
@@ -241,7 +248,9 @@ def _slot_distances(mission: MissionFile, place: Place, shape: Shape) -> Finding
         pair = f"slots {i + 1} and {j + 1} of {len(between)}"
         what = f"{pair} are {said(apart * metre, mission)} apart{more}"
         wide = _wide(shape, r_out / apart) if apart else ""
-        yield Mistake(where, what, f"more than law.r_out = {said(r_out * metre, mission)}{wide}")
+        high = f", or {layer_m:g} m in height" if any(ups_m) else ""
+        least = said(r_out * metre, mission)
+        yield Mistake(where, what, f"more than law.r_out = {least}{wide}{high}")
 
 
 def _wide(shape: Shape, times: float) -> str:
@@ -336,7 +345,7 @@ _CHECKS: tuple[tuple[str, Callable[[MissionFile], Findings]], ...] = (
     ("agents fleet", _fleet_has_all),
     ("agents fleet", _links_of_fleet),
     ("agents simulation", _faults),
-    ("shapes agents law lengths unit_m", _shapes),
+    ("shapes agents law lengths unit_m wake vehicle", _shapes),
     ("shapes agents steps", _slot_counts),
     ("steps", _steps),
     ("steps vehicle", _timeouts),

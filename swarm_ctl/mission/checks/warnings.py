@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Final
 
+from swarm_ctl.core.kernel.heights import in_wake, wake_mps
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.fleet import SigningPolicy, VehicleKind
@@ -155,13 +156,34 @@ def _loose_tolerance(mission: MissionFile, plan: Plan) -> Findings:
     """Formed before it is flown."""
     for at in plan.all_steps():
         if (form := at.step.new_shape) is not None:
-            apart_m = smallest_distance(form.slots) * plan.unit_m
+            apart = smallest_distance(form.slots, form.ups_m, plan.slot_layer_m)
+            apart_m = apart * plan.unit_m
             if apart_m / 2 < form.tolerance_m:
                 what = (
                     f"{form.tolerance_m:g} m is more than half of what {form.shape}'s slots are"
                     f" apart ({said(apart_m, mission)}): it counts as formed when it is not"
                 )
                 yield Mistake((*place_of(at), "tolerance_m"), what, "")
+
+
+def _wakes(_mission: MissionFile, plan: Plan) -> Findings:
+    """Each pair of which one hovers in the wake of the other, as the slots are planned."""
+    wake = plan.wake
+    for at in plan.all_steps():
+        form = at.step.new_shape
+        if form is None or wake is None:
+            continue
+        places, heights = at.after.places_m(), at.after.heights_m
+        of = list(zip(at.group.ids, places, heights, strict=True))
+        for (i, at_i, high_i), (j, at_j, high_j) in itertools.permutations(of, 2):
+            below_m, beside_m = high_i - high_j, math.dist(at_i, at_j)
+            if in_wake(beside_m, below_m, wake.rotor_distance_m):
+                what = (
+                    f"in {form.shape} agent {j} hovers in the wake of agent {i}, {below_m:.1f} m"
+                    f" below it: the air goes down at up to {wake_mps(wake.mass_kg, below_m):.1f}"
+                    " m/s there"
+                )
+                yield Mistake((*place_of(at), "shape"), what, "")
 
 
 def _limits_at_once(_mission: MissionFile, plan: Plan) -> Findings:
@@ -346,6 +368,7 @@ _WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (
     _slow,
     _low,
     _loose_tolerance,
+    _wakes,
     _limits_at_once,
     _doubtful_steps,
 )

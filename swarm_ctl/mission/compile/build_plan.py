@@ -11,7 +11,7 @@ from swarm_ctl.core.model.plan import Compensation, Plan, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.table import AnyStep
 from swarm_ctl.law_loader import pinned
-from swarm_ctl.mission.geometry.shapes import slot_count, slots_of
+from swarm_ctl.mission.geometry.shapes import slot_count, slots_of, ups_of
 from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.sections.mission_sections import SafetySection
 from swarm_ctl.mission.steps.among_zones import zones_of
@@ -57,7 +57,14 @@ def plan_of(mission: MissionFile) -> Plan:
         fence=_fence(mission, list(starts.values()), steps),
         safety=safety,
         zones=zones_of(mission),
+        wake=mission.wake.by_rotors() if _has_heights(mission, steps) else None,
     )
+
+
+def _has_heights(mission: MissionFile, steps: tuple[AnyStep, ...]) -> bool:
+    formed = (step.new_shape for step in steps)
+    shapes = any(shape.ups_m for shape in _shapes(mission))
+    return shapes or any(form.ups_m for form in formed if form is not None)
 
 
 def _law(mission: MissionFile, kappa: float, safety: plan.Safety) -> plan.LawParameters:
@@ -106,7 +113,11 @@ def _shapes(mission: MissionFile) -> tuple[plan.ShapePlan, ...]:
     """Those with a slot for each agent; a warning tells the others."""
     count = len(mission.agents)
     return tuple(
-        plan.ShapePlan(name, slot_assignment.rounded(slots_of(shape, count)))
+        plan.ShapePlan(
+            name,
+            slot_assignment.rounded(slots_of(shape, count)),
+            tuple(ups) if any(ups := ups_of(shape, count)) else (),
+        )
         for name, shape in sorted(mission.shapes.items())
         if slot_count(shape, count) == count
     )

@@ -24,6 +24,12 @@ def slots_of(shape: shape_sections.Shape, agents: int) -> Array:
     return slots @ _turn(math.radians(shape.rotation_deg)).T
 
 
+def ups_of(shape: shape_sections.Shape, agents: int) -> list[float]:
+    """How far each slot is above the flight height [m]."""
+    count = slot_count(shape, agents)
+    return [shape.up_m] * count if isinstance(shape.up_m, float | int) else list(shape.up_m)
+
+
 def slot_count(shape: shape_sections.Shape, agents: int) -> int:
     """How many slots a shape has: its offsets, its `count`, or one per agent."""
     if isinstance(shape, shape_sections.OffsetsShape):

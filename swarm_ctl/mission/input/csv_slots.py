@@ -18,6 +18,8 @@ from swarm_ctl.mission.input.document import Document
 
 _MOST_BYTES: Final = 1_000_000
 """Of a file at most: a thousand slots take 50 kB."""
+_WITH_HEIGHTS: Final = 3
+"""Columns."""
 _ALLOWED: Final = "a CSV file of at most 1 MB, in the mission's folder or below"
 
 
@@ -38,10 +40,18 @@ def graft(source: Document, folder: Path) -> bool:
         if not isinstance(path, str):
             continue
         try:
-            rest |= {"kind": "offsets", "offsets": tuple(_read(folder, path))}
+            rows = _read(folder, path)
+            rest |= {"kind": "offsets", "offsets": tuple(row[:2] for row in rows)}
+            if len(rows[0]) == _WITH_HEIGHTS:
+                if "up_m" in rest:
+                    raise _BadRowError(1, "has a third column, and the shape has up_m: one of them")
+                rest["up_m"] = tuple(row[2] for row in rows)
         except _BadRowError as error:
             what = f"{folder / path}:{error.line}: {error}"
-            allowed = "two numbers a line: north, east (the first line may have names)"
+            allowed = (
+                "two numbers a line: north, east; or three in each: north, east, up_m (the first"
+                " line may have names)"
+            )
         except (OSError, ValueError, csv.Error) as error:
             why = getattr(error, "strerror", None) or str(error)
             what, allowed = f"{folder / path} can't be read: {why}", _ALLOWED
@@ -58,11 +68,11 @@ class _BadRowError(ValueError):
         self.line = line
 
 
-def _read(folder: Path, name: str) -> list[tuple[float, float]]:
+def _read(folder: Path, name: str) -> list[tuple[float, ...]]:
     path = Path(os.path.realpath(folder / name))
     if not path.is_relative_to(os.path.realpath(folder)):
         raise ValueError("lies outside of the mission's folder")
-    found: list[tuple[float, float]] = []
+    found: list[tuple[float, ...]] = []
     text = read_bytes(path, _MOST_BYTES).decode("utf-8-sig")
     head = text.lstrip().partition("\n")[0]
     for mark, between in ((";", "semicolons"), ("\t", "tabs")):
@@ -73,10 +83,13 @@ def _read(folder: Path, name: str) -> list[tuple[float, float]]:
         if not any(cell.strip() for cell in row):
             continue
         numbers = [_number(cell) for cell in row]
-        if len(row) == 2 and None not in numbers:
-            found.append((numbers[0] or 0.0, numbers[1] or 0.0))
+        known = tuple(number for number in numbers if number is not None)
+        wide = len(found[0]) if found else len(row)
+        if len(row) == len(known) == wide and wide in (2, _WITH_HEIGHTS):
+            found.append(known)
         elif found or rows.line_num > 1 or any(number is not None for number in numbers):
-            why = "has a cell that is no number" if len(row) == 2 else f"has {len(row)} cells"
+            right = len(row) in (2, _WITH_HEIGHTS) and len(row) == wide
+            why = "has a cell that is no number" if right else f"has {len(row)} cells"
             raise _BadRowError(rows.line_num, f"{why}: not a slot")
     if not found:
         raise _BadRowError(1, "no slot in it")

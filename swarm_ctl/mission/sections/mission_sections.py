@@ -6,11 +6,21 @@ together is in `checks/mission_checks.py`.
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 from pydantic import Field
 
-from swarm_ctl.core.model.plan import Compensation, Geodetic, Policies, Safety
+from swarm_ctl.core.kernel.heights import wake_reach_m
+from swarm_ctl.core.model.plan import (
+    Compensation,
+    Geodetic,
+    Limits,
+    Policies,
+    Safety,
+    Wake,
+    slot_layer_m,
+)
 from swarm_ctl.mission.sections.section import AgentId, Length, NorthEast, Section
 from swarm_ctl.mission.sections.written import Written
 
@@ -51,6 +61,21 @@ class LawSection(Section):
 class SafetySection(Written[Safety]):
     """What stands between the law and the vehicles. Default of each: on with stop points, off
     without (as in the paper)."""
+
+
+class WakeSection(Written[Wake]):
+    """The air below a vehicle: how far in height two vehicles have to be from each other to fly
+    above each other."""
+
+    def by_rotors(self) -> Wake:
+        """As the plan has it."""
+        reach_m = wake_reach_m(self.rotor_distance_m)  # type: ignore[attr-defined]
+        return self.planned(layer_m=math.ceil(10.0 * reach_m) / 10.0)
+
+    def spacing_m(self, limits: Written[Limits]) -> float:
+        """From layer to layer at least."""
+        needed_m = slot_layer_m(self.by_rotors().layer_m, limits.planned())
+        return math.ceil(10.0 * needed_m - 1e-9) / 10.0
 
 
 class AgentEntry(Section):

@@ -6,12 +6,18 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field
 
+from swarm_ctl.core.model.plan import MOST_UP_M
 from swarm_ctl.mission.sections.section import Angle, Length, NorthEast, Section
+
+Up = Annotated[float, Field(ge=-MOST_UP_M, le=MOST_UP_M)]
 
 
 class _ShapeSection(Section):
     rotation_deg: Angle = 0.0
     """Turns the whole shape clockwise."""
+    up_m: Up | Annotated[tuple[Up, ...], Field(min_length=1, max_length=1000)] = 0.0
+    """How far above the flight height (the take-off's) the slots are, below it where negative: one
+    number for all, or a list of one for each slot."""
 
 
 class _CountedShape(_ShapeSection):
@@ -86,7 +92,8 @@ class LettersShape(_CountedShape):
 
 
 class CsvShape(_ShapeSection):
-    """Slots from a CSV file with two columns, north and east. A first line of names is skipped."""
+    """Slots from a CSV file with two columns, north and east, or three: north, east, and `up_m` in
+    metres. A first line of names is skipped."""
 
     kind: Literal["csv"]
     path: Annotated[str, Field(min_length=1, max_length=400)]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import ClassVar, Final, Literal
 
+import numpy as np
 from pydantic import Field
 
 from swarm_ctl import slot_assignment
@@ -11,13 +12,16 @@ from swarm_ctl.core.law import graph
 from swarm_ctl.core.model.plan import Compensation, Plan, PlannedStep
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.form import FormStep
-from swarm_ctl.mission.geometry.shapes import slots_of
+from swarm_ctl.mission.geometry.shapes import slots_of, ups_of
 from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import Findings, bad_links, named_parts
 from swarm_ctl.mission.input.near_matches import did_you_mean
 from swarm_ctl.mission.input.units import said
 from swarm_ctl.mission.sections.section import Links, Name, Timeout
 from swarm_ctl.mission.steps.step_kind import Checks, Mission, StepKind, TimedSection
+
+LEAST_HEIGHT_M: Final = 1.0
+"""Of a slot: as of a take-off."""
 
 
 class FormSection(TimedSection):
@@ -31,6 +35,12 @@ class FormSection(TimedSection):
     exchange: bool | None = None
     """Two agents that block each other may exchange their slots. Default: true with nearest slots
     and stop points, else false."""
+    layers: int | None = Field(default=None, ge=2, le=20)
+    """Deals the slots to so many heights: the k-th slot to the layer `k modulo layers`. The lowest
+    layer is at the flight height, or the shape's own `up_m` above it."""
+    layer_spacing_m: float | None = Field(default=None, ge=0.5, le=60)
+    """From each of these layers to the next. Default: the least at which vehicles in different
+    layers count as apart by height, `wake.layer_m` and what two vehicles may err and climb."""
     tolerance_m: float = Field(default=0.5, ge=0.05, le=50)
     """The largest deviation from the shape at which it counts as formed."""
     settle_s: float = Field(default=5.0, ge=0, le=600)
@@ -53,6 +63,24 @@ def _known_shape(written: FormSection, place: Place, mission: Mission) -> Findin
         yield Mistake((*place, "shape"), f"there is no shape {written.shape!r}{hint}", allowed)
 
 
+def _layers(written: FormSection, place: Place, _mission: Mission) -> Findings:
+    if written.layers is None and written.layer_spacing_m is not None:
+        what, allowed = "there is one layer", "layers: 2 or more, or no layer_spacing_m"
+        yield Mistake((*place, "layer_spacing_m"), what, allowed)
+
+
+def _heights(at: PlannedStep, place: Place) -> Findings:
+    heights, fence = at.after.heights_m, at.plan.fence
+    if not at.after.ups_m:
+        return
+    if min(heights) < LEAST_HEIGHT_M:
+        what = f"a slot is {min(heights):g} m above the ground"
+        yield Mistake((*place, "shape"), what, f"{LEAST_HEIGHT_M:g} m or more, by up_m or takeoff")
+    if fence is not None and max(heights) > fence.height_m:
+        what = f"a slot is {max(heights):g} m high, above the geofence"
+        yield Mistake((*place, "shape"), what, f"at most fence.height_m = {fence.height_m:g}")
+
+
 def _links(written: FormSection, place: Place, mission: Mission) -> Findings:
     ids = sorted(agent.id for agent in mission.agents)
     yield from bad_links((*place, "neighbours"), written.neighbours, ids)
@@ -62,12 +90,17 @@ class Form(StepKind[FormSection, FormStep]):
     """Into a shape, by the law alone."""
 
     section = FormSection
-    checks: ClassVar[Checks] = (("shapes", _known_shape), ("agents", _links))
+    checks: ClassVar[Checks] = (("shapes", _known_shape), ("agents", _links), ("", _layers))
 
     def planned(self, written: FormSection, mission: Mission, before: PlannedFormation) -> FormStep:
         ids = sorted(agent.id for agent in mission.agents)
-        slots = slots_of(mission.shapes[written.shape], len(ids))
-        if written.slots == "nearest":
+        shape = mission.shapes[written.shape]
+        slots, ups_m = slots_of(shape, len(ids)), self._ups_m(written, mission, len(ids))
+        if written.slots == "nearest" and ups_m:
+            now, heights = (np.array(m) / mission.unit_m for m in (before.heights_m, ups_m))
+            slots, ups = slot_assignment.nearest_with_heights(before.offsets, slots, now, heights)
+            ups_m = tuple(round(up * mission.unit_m, 6) for up in ups)
+        elif written.slots == "nearest":
             slots = slot_assignment.nearest(before.offsets, slots)
         links: dict[int, tuple[int, ...]] | None = None
         if written.neighbours == "rechoose":
@@ -88,7 +121,17 @@ class Form(StepKind[FormSection, FormStep]):
             neighbours=None if links is None else tuple(links[i] for i in ids),
             on_timeout=written.on_timeout,
             exchange=exchange,
+            ups_m=ups_m,
         )
+
+    @staticmethod
+    def _ups_m(written: FormSection, mission: Mission, agents: int) -> tuple[float, ...]:
+        """Of each slot, above the flight height; (): all are at it."""
+        ups_m = ups_of(mission.shapes[written.shape], agents)
+        if written.layers:
+            spacing_m = written.layer_spacing_m or mission.wake.spacing_m(mission.vehicle.limits)
+            ups_m = [up + k % written.layers * spacing_m for k, up in enumerate(ups_m)]
+        return tuple(ups_m) if any(ups_m) else ()
 
     def words(self, step: FormStep, plan: Plan) -> str:
         return f"{step.title}, {step.tolerance_m:g} m"
@@ -97,7 +140,8 @@ class Form(StepKind[FormSection, FormStep]):
         return written.settle_s
 
     def wrong(self, step: FormStep, at: PlannedStep, place: Place, mission: Mission) -> Findings:
-        """Neighbours that are chosen anew are connected."""
+        """Neighbours that are chosen anew are connected, and all heights lie in the air."""
+        yield from _heights(at, place)
         plan, ids = at.plan, [agent.id for agent in at.group.agents]
         chosen = dict(zip(ids, step.neighbours, strict=True)) if step.neighbours else {}
         parts = graph.components(chosen)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar, Final
 
+from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.plan import PlannedStep
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.land import LandStep
+from swarm_ctl.mission.input.document import Mistake, Place
+from swarm_ctl.mission.input.findings import ROUNDING, Findings
+from swarm_ctl.mission.input.units import said
 from swarm_ctl.mission.sections.section import Timeout
 from swarm_ctl.mission.steps.autopilot_times import UpAndDown
 from swarm_ctl.mission.steps.step_kind import Mission, StepKind, StepSection
@@ -39,13 +44,23 @@ class Land(StepKind[LandSection, LandStep]):
 
     def expected_s(self, step: LandStep, at: PlannedStep, autopilot: UpAndDown) -> float:
         """The autopilot's own landing."""
-        return autopilot.landing_s(at.before.height_m)
+        return autopilot.landing_s(max(at.before.heights_m))
+
+    def wrong(self, step: LandStep, at: PlannedStep, place: Place, mission: Mission) -> Findings:
+        """None comes down through another one."""
+        plan, before = at.plan, at.before
+        apart = smallest_distance(before.offsets) if before.ups_m else math.inf
+        if apart <= plan.law.r_out + ROUNDING:
+            what = f"agents above each other would land {said(apart * plan.unit_m, mission)} apart"
+            least = said(plan.law.r_out * plan.unit_m, mission)
+            allowed = f"a form step before it with slots more than law.r_out = {least} apart"
+            yield Mistake(place, what, allowed)
 
 
 def generous_s(mission: Mission, before: PlannedFormation) -> float:
     """More than any landing takes."""
     slowest_mps = min(mission.vehicle.limits.planned().descent_mps, _TOUCHDOWN_MPS)
-    return _DISARM_S + 1.5 * before.height_m / slowest_mps
+    return _DISARM_S + 1.5 * max(before.heights_m) / slowest_mps
 
 
 def fastest_s(mission: Mission) -> float:

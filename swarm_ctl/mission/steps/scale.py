@@ -38,7 +38,10 @@ class Scale(Travel[ScaleSection, ScaleStep]):
     def wrong(self, step: ScaleStep, at: PlannedStep, place: Place, mission: Mission) -> Findings:
         """No two slots come too close."""
         plan = at.plan
-        r_out, apart = plan.law.r_out, smallest_distance(step.after(at.before).offsets)
+        r_out, apart = (
+            plan.law.r_out,
+            smallest_distance(step.after(at.before).offsets, at.before.ups_m, plan.slot_layer_m),
+        )
         if apart <= r_out + ROUNDING:
             narrowing = step.factor / at.before.scale
             what = f"{narrowing:g} brings slots to {said(apart * plan.unit_m, mission)}"

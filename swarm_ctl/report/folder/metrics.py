@@ -6,6 +6,7 @@ mission seconds.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
@@ -30,8 +31,9 @@ class Approach:
     """How far the distance may be off; 0 by the truth."""
 
 
-def approaches(flight: Flight) -> Iterator[Approach]:
-    """Each pair at its closest, also between two moments: both on straight lines.
+def approaches(flight: Flight, layer_m: float = math.inf) -> Iterator[Approach]:
+    """Each pair at its closest, also between two moments: both on straight lines. Moments at whose
+    begin and end the two are `layer_m` apart in height, or more, do not count.
 
     By the truth while any vehicle is in the air, but for one that flies over one on the ground
     (`OVER_M`). By an estimate while both are: on the ground the
@@ -44,8 +46,10 @@ def approaches(flight: Flight) -> Iterator[Approach]:
         apart = flight.points_m[:, others] - flight.points_m[:, i : i + 1]
         counts = np.where(true[i] & true[others], some, flying[:, i : i + 1] & flying[:, others])
         down = flight.position_ned_m[..., 2]
-        higher = np.abs(down[:, others] - down[:, i : i + 1]) > OVER_M
+        high = np.abs(down[:, others] - down[:, i : i + 1])
+        higher = high > OVER_M
         counts = counts & ~(higher & (flying[:, others] != flying[:, i : i + 1]))
+        counts = counts & ~(high >= layer_m)
         start, way = apart[:-1], np.diff(apart, axis=0)
         square = np.maximum((way * way).sum(axis=-1), 1e-12)
         share = np.clip(-(start * way).sum(axis=-1) / square, 0.0, 1.0)

@@ -25,7 +25,7 @@ class PairDistance:
     agents: tuple[int, int]
     """The lower id first."""
     distance_m: float
-    """Horizontal."""
+    """Horizontal; of a mission with heights, while they were not `layer_m` apart in height."""
     time_s: float
     doubt_m: float
     source: TrackSource
@@ -35,7 +35,7 @@ def pair_distances(run: RunFolder) -> list[PairDistance]:
     """Each pair of which something is known, the closest first."""
     if run.flight is None or run.plan is None:
         return []
-    found = (_pair(run, approach) for approach in approaches(run.flight))
+    found = (_pair(run, approach) for approach in approaches(run.flight, run.plan.layer_m))
     return sorted(found, key=lambda pair: pair.distance_m)
 
 
@@ -47,7 +47,8 @@ def _pair(run: RunFolder, found: Approach) -> PairDistance:
             (a, b), found.distance_m, found.time_s, found.doubt_m, TrackSource.ESTIMATES
         )
     distance_m, time_s = found.distance_m, found.time_s
-    if run.truth is not None and run.manifest is not None:
+    level = run.plan is not None and run.plan.wake is None
+    if run.truth is not None and run.manifest is not None and level:  # those know no layers
         sysid = {entry.id: entry.sysid for entry in run.manifest.fleet}
         pair = (min(sysid[a], sysid[b]), max(sysid[a], sysid[b]))
         told_m = run.truth.minima.get(pair)

@@ -148,9 +148,13 @@ class RunHistory:
             yield [s for s in states if s.frame]
 
     def nearest(self) -> Floats:
-        """Distance [m] of each live agent to the nearest other vehicle, flying or not (T, n); nan:
-        none."""
+        """Distance [m] of each live agent to the nearest other vehicle that is not in another
+        layer, flying or not (T, n); nan: none."""
         apart = distances(self.flight.points_m)
+        down, plan = self.flight.position_ned_m[..., 2], self.plan
+        if plan.wake is not None:
+            high = np.abs(down[:, :, None] - down[:, None, :])
+            apart[high >= plan.layer_m] = np.nan
         own = np.arange(apart.shape[1])
         apart[:, own, own] = np.nan
         apart[~self.flight.live] = np.nan

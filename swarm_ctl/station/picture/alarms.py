@@ -156,11 +156,11 @@ def _apart(value: float, limit: float, decimals: int) -> tuple[str, str]:
 
 def _too_close(view: SwarmView, r_in_m: float) -> Found:
     """On the ground the noise of a position is no approach."""
-    flying = [(a.id, a.state.position_ned_m[:2]) for a in view.agents if a.off_ground and a.state]
+    flying = [(a.id, a.state.position_ned_m) for a in view.agents if a.off_ground and a.state]
     for k, (a, here) in enumerate(flying):
         for b, there in flying[k + 1 :]:
-            apart = math.dist(here, there)
-            if apart < r_in_m:
+            apart = math.dist(here[:2], there[:2])
+            if apart < r_in_m and abs(here[2] - there[2]) < view.plan.layer_m:
                 short, limit = _apart(apart, r_in_m, 2)
                 yield (a, b), f"{short} m apart, under r_in {limit} m"
 

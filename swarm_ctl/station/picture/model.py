@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from swarm_ctl.core.law.formation import centred, distances, errors
+from swarm_ctl.core.law.formation import apart_in_height, centred, distances, errors
 from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.geometry import centred as centred_slots
@@ -95,17 +95,20 @@ class _Heard:
 class _Apart:
     """Horizontal distances [m] between the agents ever heard."""
 
-    def __init__(self, starts: Mapping[int, Point]) -> None:
+    def __init__(self, starts: Mapping[int, Point], down_m: list[float], layer_m: float) -> None:
         self._at = {agent: k for k, agent in enumerate(starts)}
         ids = list(starts)
         self._between = distances(list(starts.values())) if len(starts) > 1 else np.zeros((0, 0))
         others = self._between + np.diag(np.full(len(self._between), np.inf))
+        if len(others) and math.isfinite(layer_m):
+            others[apart_in_height(down_m, layer_m)] = np.inf
         nearest = others.argmin(axis=1).tolist() if len(others) else []
         self.nearest = {
             i: (float(others[k, j]), ids[j])
             for k, (i, j) in enumerate(zip(ids, nearest, strict=False))
+            if others[k, j] < np.inf
         }
-        """(metres, the other's id)."""
+        """(metres, the other's id), of those that are not in another layer."""
 
     def of(self, a: int, b: int) -> float:
         """Of two agents of whom states were heard."""
@@ -326,7 +329,9 @@ class Model:
 
     def _apart(self) -> _Apart:
         states = ((i, heard.state) for i, heard in self._heard.items())
-        return _Apart({i: state.position_ned_m[:2] for i, state in states if state})
+        places = {i: state.position_ned_m for i, state in states if state}
+        down_m = [down_m for _, _, down_m in places.values()]
+        return _Apart({i: at[:2] for i, at in places.items()}, down_m, self._plan.layer_m)
 
     def _errors(
         self, group: GroupPlan, step: int, formation: set[int]

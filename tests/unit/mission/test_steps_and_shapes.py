@@ -163,7 +163,9 @@ def test_slots_from_csv(tmp_path: Path) -> None:
     [
         (None, "can't be read"),
         ("0,0\n0,x\n", "row.csv:2"),
-        ("0,0,0\n", "row.csv:1"),
+        ("0,0,0,0\n", "row.csv:1"),
+        ("0,0,0\n0,2\n", "row.csv:2"),
+        ("0,0,0\n0,2,x\n", "row.csv:2"),
         ("", "no slot"),
         ("a,b\nc,d\n", "row.csv:2"),
     ],

@@ -29,6 +29,8 @@ class FormStep(Step):
     exchange: bool = False
     """Agents that are in each other's way may take each other's slots
     (`core/kernel/exchange.py`)."""
+    ups_m: tuple[float, ...] = ()
+    """How far above the flight height each slot is, in the slots' order; (): all are at it."""
     kind: Literal["form"] = "form"
 
     @property
@@ -48,7 +50,8 @@ class FormStep(Step):
         return Settling(self.tolerance_m, self.settle_s)
 
     def after(self, formation: PlannedFormation) -> PlannedFormation:
-        return replace(formation, slots=self.slots, angle_rad=0.0, scale=1.0, formed=True)
+        formed = replace(formation, slots=self.slots, angle_rad=0.0, scale=1.0, formed=True)
+        return replace(formed, ups_m=self.ups_m)
 
     def poses(self, before: PlannedFormation) -> list[PlannedFormation]:
         """Where the shape will stand: the way there is the law's."""

@@ -204,6 +204,7 @@ CHANGES = {
     "{shape: ring": "{on_timeout: hold, shape: ring",
     "  - form: {shape: ring": "  - form: {neighbours: [[1, 2], [1, 3]], shape: ring",
     "hold: {": "hold: {on_timeout: continue, ",
+    "    kind: offsets": "    up_m: [0, 0, 8]\n    kind: offsets",
     "fleet:": "neighbours: [[1, 2], [1, 3]]\nfleet:",
     "fleet:\n": "fence: {height_m: 100}\nfleet:\n",
     "  trust: keys\n": "  trust: keys\nzones: {x: {circle: [30, 30], radius: 1}}\n",
@@ -269,6 +270,7 @@ def test_the_changes_above_reach_every_field_of_a_plan() -> None:
         }
     constant = {f"{kind}.kind" for kind in ("TakeoffStep", "FormStep", "HoldStep", "LandStep")}
     constant |= {"LandStep.on_timeout", "GroupPlan.name"}  # always to land; of the only group
+    constant |= {"Plan.wake"}  # none here, and behind a change its own fields
     assert set(before) - reached <= constant
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import fields, replace
+from dataclasses import MISSING, fields, replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -118,7 +118,9 @@ def test_an_unknown_field_is_refused_wherever_it_stands() -> None:
             plan_from_json(json.dumps(data))
 
 
-@pytest.mark.parametrize("field", [field.name for field in fields(Plan)])
+@pytest.mark.parametrize(
+    "field", [field.name for field in fields(Plan) if field.default is MISSING]
+)
 def test_a_missing_or_mistyped_field_is_refused(field: str) -> None:
     whole = json.loads(plan_to_json(PLAN, FLEET))
     missing = {k: v for k, v in whole["plan"].items() if k != field}
