@@ -161,7 +161,7 @@ class Controller:
         snapshot = self._in_layers(snapshot.aloft(self._down_m))
         if self.safety_filter.layers.waits_for is not None:
             # the shape would draw it under or over the very aircraft that it is to pass
-            return self.keep_clear(snapshot, room_m=self.safety_filter.keep_out_m)
+            return self.keep_clear(snapshot, room_m=self.safety_filter.margins.keep_out)
         consensus, avoidance = self._terms(snapshot, formation)
         round_zones = self._round_zones(formation, off_m)
         if round_zones is not None:

@@ -59,7 +59,7 @@ class SafetyFilter:
         """Of the vehicle, above the origin, and how far it is to climb: zones end at heights."""
         self.lands = False
         """It is to go down through all heights below it."""
-        self.layers = Layers(plan, own_id, self._margins)
+        self.layers = Layers(plan, own_id, self.margins)
         self.loose = False
         """The vehicle is on a way round a zone: its links may stretch."""
         self.wish = 0j
@@ -69,7 +69,6 @@ class SafetyFilter:
         self.waits = False
         """A zone is over or under the vehicle where it is to climb or to sink: it leaves that place
         first."""
-        self.keep_out_m = self._margins.keep_out
         self._swirl_off_m = (plan.law.r_out + SWIRL_OFF) * plan.unit_m
         self.reach_m = max(self.margins.farthest, self._swirl_off_m)
         """An aircraft farther away constrains nothing."""
