@@ -91,10 +91,9 @@ class Account:
     def watch(self, world: World, mesh: MemoryHub) -> TruthRecorder:
         """Begin: what writes the truth of this world, step by step; the mesh is listened to."""
         mesh.tap = self._pass
-        if self._recorder is not None:
-            self._node = Node(MemoryTransport(mesh), "test", "account")
-            agents = [agent.id for agent in self.manifest.plan.agents]
-            self._node.listen(*_HEARD, agents=agents)
+        self._node = Node(MemoryTransport(mesh), "test", "account")
+        agents = [agent.id for agent in self.manifest.plan.agents]
+        self._node.listen(*self._heard, agents=agents)
         return TruthRecorder(world, self._config, self)
 
     # --- the truth, as its recorder writes it ---
@@ -126,17 +125,25 @@ class Account:
         """What the station took in a tick."""
         self.statuses += statuses
         self.events += events
-        if self._node is not None and self._recorder is not None:
-            for channel in _HEARD:
+        if self._node is not None:
+            for channel in self._heard:
                 for payload, _ in self._node.take(channel):
-                    self._recorder.take(payload, now)
+                    self._keep(payload, now)
 
     def sent(self, payload: Payload, now: float) -> None:
         """What the station itself said."""
+        self._keep(payload, now)
+
+    def _keep(self, payload: Payload, now: float) -> None:
         if isinstance(payload, Command):
             self._commands.append(payload)
         if self._recorder is not None:
             self._recorder.take(payload, now)
+
+    @property
+    def _heard(self) -> tuple[keys.Channel[Any], ...]:
+        """Commands are judged: they add zones. The rest is for the folder."""
+        return _HEARD if self._recorder is not None else (keys.COMMAND,)
 
     def ended(self, agent: int, status: AgentStatus) -> None:
         """An agent's own last word."""
