@@ -28,3 +28,13 @@ def test_a_hold_says_its_reason_once() -> None:
     flown = fly_scenario(*load_scenario(FOUND[0].with_name("held-after-its-time-out.yaml")))
     held = {status.reason for status in flown.statuses if status.action == "hold"}
     assert held == {"step 1 (takeoff) timed out after 3.7 s: this agent was not done"}
+
+
+def test_a_flight_is_judged_alike_with_a_folder_and_without(tmp_path: Path) -> None:
+    """The judge knows the zones that an operator's order added, also where nothing is written."""
+    scenario, mission = load_scenario(FOUND[0].with_name("two-leave-a-new-zone.yaml"))
+    written = fly_scenario(scenario, mission, tmp_path / "run")
+    alone = fly_scenario(scenario, mission)
+    assert written.summary.reason == alone.summary.reason
+    assert "in zone pond" in alone.summary.reason
+    assert written.digest == alone.digest

@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from swarm_ctl.core.kernel.constraints import Margins, Other, cap, guard, keep_out, unsure
-from swarm_ctl.core.kernel.program import LINK, PAIR, WALL, Row, relaxed
+from swarm_ctl.core.kernel.program import LEAVE, LINK, PAIR, WALL, Row, relaxed
 from swarm_ctl.core.kernel.sequences import put
 from swarm_ctl.core.kernel.walls import (
     NO_WALL,
@@ -90,20 +90,35 @@ NO_NEAR_WALL: Final = NearWall(NO_WALL, NO_WALL_MARGINS)
 def keep_off_walls(
     rows: list[Row], used: int, walls: list[NearWall], near: int, own: Own, margins: Margins
 ) -> tuple[int, float, bool]:
-    """Rows of the first `near` walls; then the speed that is allowed near them, and whether one is
-    so close that the velocity which the formation shares has to give way."""
+    """Rows of the first `near` walls: to come no nearer than D. Then the speed that is allowed near
+    them, and whether one is so close that the velocity which the formation shares has to give way.
+    """
     moving, speed = own.moving, margins.speed
     most, close = speed, False
     for k in range(near):
         wall, lengths = walls[k]
-        bound = keep_off(wall.gap, lengths) - (wall.normal.conjugate() * moving).real
+        normal = wall.normal
+        bound = min(keep_off(wall.gap, lengths), 0.0) - (normal.conjugate() * moving).real
         most = min(most, wall_cap(wall.gap, own.doubt_s, lengths))
         close = close or (moving != 0j and most < speed)
-        if bound > -speed or moving != 0j:
-            normal = wall.normal
-            row = Row(normal.real, normal.imag, bound, WALL, WALLS, wall.about)
-            used = put(rows, used, row)
+        if wall.gap >= 0.0 and (bound > -speed or moving != 0j):
+            used = put(rows, used, Row(normal.real, normal.imag, bound, WALL, WALLS, wall.about))
     return used, most, close
+
+
+def leave_walls(
+    rows: list[Row], used: int, walls: list[NearWall], near: int, moving: complex
+) -> int:
+    """Rows of those of the first `near` walls that do not hold: to leave. Pairs come first: two
+    that left a new zone side by side by rows of the walls' own level had no velocity left to part
+    with, and came within 0.93 `r_in`."""
+    for k in range(near):
+        wall, lengths = walls[k]
+        normal, leave = wall.normal, keep_off(wall.gap, lengths)
+        if leave > 0.0:
+            bound = leave - (normal.conjugate() * moving).real
+            used = put(rows, used, Row(normal.real, normal.imag, bound, LEAVE, WALLS, wall.about))
+    return used
 
 
 def keep_apart(
@@ -180,6 +195,7 @@ def decided(
         still = Own(own.doubt_s, own.response_s, moving)
         used, off, _ = keep_off_walls(rows, 0, walls, walled, still, margins)
         used, most, _ = keep_apart(rows, used, others, near, still, margins)
+    used = leave_walls(rows, used, walls, walled, moving)
     used = keep_links(rows, used, links, guarded, moving, margins)
     if used == 0 and near == 0 and walled == 0:
         return Decision(wish, wish, 0, False, False)

@@ -23,9 +23,11 @@ WALL: Final = 0
 """Levels. Rows of this one give way to each other alone ..."""
 PAIR: Final = 1
 """... these to walls as well ..."""
-LINK: Final = 2
+LEAVE: Final = 2
+"""... these, which lead out of a zone, to both ..."""
+LINK: Final = 3
 """... and these to all."""
-NONE: Final = (0.0, 0.0, 0.0)
+NONE: Final = (0.0, 0.0, 0.0, 0.0)
 """No level gives way."""
 
 
@@ -58,7 +60,7 @@ def nearest(
     used: int,
     cap: float,
     last: int,
-    slacks: tuple[float, float, float],
+    slacks: tuple[float, float, float, float],
 ) -> tuple[bool, complex]:
     """Whether the first `used` rows and |v| <= cap allow any velocity, and the one that is nearest
     to the wish.
@@ -107,7 +109,7 @@ def nearest(
 
 def relaxed(
     wish: complex, rows: Sequence[Row], used: int, cap: float
-) -> tuple[complex, tuple[float, float, float]]:
+) -> tuple[complex, tuple[float, float, float, float]]:
     """As `nearest`, giving way where not all rows are possible together: level by level, the
     highest first, by the least common slack of each. Returns the velocity and the slacks (0 where
     the rows of a level hold)."""
@@ -138,10 +140,10 @@ def _least(
     used: int,
     cap: float,
     level: int,
-    slacks: tuple[float, float, float],
+    slacks: tuple[float, float, float, float],
     best: complex,
     high: float,
-) -> tuple[complex, tuple[float, float, float]]:
+) -> tuple[complex, tuple[float, float, float, float]]:
     """The least slack of the rows of this level that allows something, beside the `slacks` of the
     lower ones; `best` is allowed with slack `high`."""
     low = 0.0
@@ -156,9 +158,11 @@ def _least(
 
 
 def _with(
-    slacks: tuple[float, float, float], level: int, slack: float
-) -> tuple[float, float, float]:
-    wall, pair, link = slacks
+    slacks: tuple[float, float, float, float], level: int, slack: float
+) -> tuple[float, float, float, float]:
+    wall, pair, leave, link = slacks
     if level == WALL:
-        return slack, pair, link
-    return (wall, slack, link) if level == PAIR else (wall, pair, slack)
+        return slack, pair, leave, link
+    if level == PAIR:
+        return wall, slack, leave, link
+    return (wall, pair, slack, link) if level == LEAVE else (wall, pair, leave, slack)

@@ -6,8 +6,8 @@ which is stayed inside of. One half-plane for each wall that is near, on the own
     |v| <= (spare + gap - D) / unsure                              caution near D: `wall_cap`
 
 `n` points from the nearest point of the wall to the stop point, `gap` is their distance. A wall
-makes no way: the whole burden is ours. What is proven of it, and what is only measured:
-`docs/pages/safety.md`.
+makes no way: the whole burden is ours. To leave one that does not hold gives way to pairs
+(`core/kernel/decide.py`). What is proven of it, and what is only measured: `docs/pages/safety.md`.
 """
 
 from __future__ import annotations

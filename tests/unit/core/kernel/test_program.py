@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from swarm_ctl.core.kernel import program
-from swarm_ctl.core.kernel.program import LINK, NONE, PAIR, WALL, Row
+from swarm_ctl.core.kernel.program import LEAVE, LINK, NONE, PAIR, WALL, Row
 
 Plane = tuple[float, float, float]
 Vector = tuple[float, float]
@@ -112,3 +112,18 @@ def test_no_wall_that_holds_gives_way(
     assert inside((v.real, v.imag), walls, cap)
     between = [(nx, ny, b - slacks[PAIR]) for nx, ny, b in hard]
     assert inside((v.real, v.imag), between, cap, 1e-4)
+
+
+@given(st.tuples(numbers, numbers), planes, planes, planes, caps)
+def test_no_pair_gives_way_to_what_leads_out_of_a_zone(
+    wish: Vector, hard: list[Plane], out: list[Plane], soft: list[Plane], cap: float
+) -> None:
+    """Pairs have no more slack than alone, and what leads out no more than without links."""
+    leaves = [Row(*plane, LEAVE, 0, 0) for plane in out]
+    both = rows(hard, []) + leaves
+    asked = both + rows([], soft)
+    _, alone = program.relaxed(complex(*wish), rows(hard, []), len(hard), cap)
+    _, without = program.relaxed(complex(*wish), both, len(both), cap)
+    _, slacks = program.relaxed(complex(*wish), asked, len(asked), cap)
+    assert slacks[PAIR] == pytest.approx(alone[PAIR], abs=1e-3)
+    assert slacks[LEAVE] == pytest.approx(without[LEAVE], abs=1e-3)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarm_ctl.core.kernel.coast import coasted
-from swarm_ctl.core.kernel.constraints import Other, margins_of
+from swarm_ctl.core.kernel.constraints import Other, cap, keep_out, margins_of
 from swarm_ctl.core.kernel.decide import NearWall, Own, decided
 from swarm_ctl.core.kernel.program import Row
 from swarm_ctl.core.kernel.response import model_of, steered, stop_point, unknown
@@ -98,6 +98,30 @@ def test_pairs_that_press_open_no_wall_that_holds(
     for wall, _ in near:
         along = (wall.normal.conjugate() * found.velocity).real
         assert along >= keep_off(wall.gap, WALL) - 1e-6
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.complex_numbers(max_magnitude=8),
+    st.tuples(angles, st.floats(-6.0, -0.01)),
+    st.tuples(angles, st.floats(0.1, 9)),
+    st.sampled_from([0j, 3 + 0j, -1 + 2j]),
+)
+def test_no_pair_gives_way_to_a_zone_that_is_left(
+    wish: complex, wall: tuple[float, float], other: tuple[float, float], moving: complex
+) -> None:
+    """In a zone a vehicle does all that the keep-out asks for, as far as it may be so fast; and
+    where nobody is near, it leaves as fast as walls ask for."""
+    near = [NearWall(Wall(unit(wall[0]), wall[1], 0), WALL)]
+    own = Own(0.3, 0.9, moving)
+    close = Other(2, True, unit(other[0]) * other[1], 0j, 0.1, True, True, 0.9, along=False)
+    found = decided(wish, [close], 1, [], 0, near, 1, own, MARGINS, [])
+    normal, bound, room = keep_out(close, MARGINS)
+    fastest = min(cap(room, 0.3, MARGINS), wall_cap(wall[1], 0.3, WALL))
+    assert (normal.conjugate() * found.velocity).real >= min(bound, fastest) - 1e-4
+    alone = decided(wish, [], 0, [], 0, near, 1, own, MARGINS, [])
+    leaves = min(keep_off(wall[1], WALL), wall_cap(wall[1], 0.3, WALL))
+    assert (unit(-wall[0]) * alone.velocity).real >= leaves - 1e-4
 
 
 ZONES = {
