@@ -25,6 +25,7 @@ from tests.system.conftest import Typed
 from tests.system.running import HEXAGON, LOW, ROOT, Running
 from tests.system.test_run import assert_apart, assert_truth_ends_on_the_ground
 
+LAYERS = ROOT / "missions" / "layers.yaml"
 WOOD = ROOT / "missions" / "wood.yaml"
 
 pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(300)]
@@ -148,6 +149,19 @@ def test_the_wood(tmp_path: Path, seed: int) -> None:
     summary = running.summary()
     assert [step["result"] for step in summary["steps"]] == ["done"] * 6
     assert summary["nearest_zone"]["distance_m"] > 1.25
+    assert summary["min_true_distance_m"] > summary["r_in_m"]
+
+
+@pytest.mark.parametrize("seed", [on_demand(seed) for seed in range(1, 21)])
+def test_the_layers(tmp_path: Path, seed: int) -> None:
+    """All steps of the mission in which layers change places: by the simulator's truth no two come
+    under r_in that are not a layer apart in height. One flight of it is in every run, on the
+    virtual clock (`tests/scenarios/test_layers.py`)."""
+    with Running("run", LAYERS, *MAX, "--seed", str(seed), cwd=tmp_path) as running:
+        assert running.wait(280) == 0, running.output
+        running.assert_nothing_left()
+    summary = running.summary()
+    assert [step["result"] for step in summary["steps"]] == ["done"] * 7
     assert summary["min_true_distance_m"] > summary["r_in_m"]
 
 

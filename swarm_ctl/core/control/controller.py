@@ -222,6 +222,7 @@ class Controller:
         """No setpoint of ours moves the vehicle in this tick."""
         self._seen, self._round = 0, ""
         self.setpoint_mps = (0.0, 0.0)
+        self.safety_filter.layers.waits_for = None
         self.estimate.rest()
         self.headwind.rest()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from swarm_ctl.core.kernel.receiver import Known
+from swarm_ctl.core.kernel.receiver import Known, out_of_reach
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Compensation, Plan, Point
 from swarm_ctl.core.model.rows import row
@@ -102,9 +102,7 @@ class LawInputBuilder:
             if agent in over:
                 if not linked:
                     continue
-                # out of reach, its slot with it: it counts for the shape alone
-                away = point - own
-                off = reach * (away / abs(away) if away else 1.0)
+                off = out_of_reach(point - own, reach)
                 point, place = point + off, place + off
             aircraft.append(peer)
             known = (agent, point, place, setpoint / unit_m, age_s, linked, lower)

@@ -16,6 +16,8 @@ from typing import Final, NamedTuple
 _ENTERS: Final = 0.1
 """Of the room from r_in to D: so much may lack where one flies through the height of another. At
 D itself two that push towards one place stand; with no room for noise they never pass."""
+_LEVEL_M: Final = 0.3
+"""A height so near to the own one is passed already."""
 _DECAY: Final = 6.0
 """Of a round turbulent jet: speed on its axis, in nozzle speeds, times depth in nozzle diameters
 (Pope, Turbulent Flows, 5.1: 5.8 to 6.1)."""
@@ -68,6 +70,21 @@ def apart_by_height(
     that is none."""
     gap = max(one.low_m - other.high_m, other.low_m - one.high_m)
     return gap > needed_m(one, other, layer_m, closing_mps, age_s)
+
+
+def is_ahead(height_m: float, climbs_m: float, other_m: float, near_m: float) -> bool:
+    """Whether another vehicle lies on the way in height, or hardly beyond it.
+
+    Args:
+        height_m: own.
+        climbs_m: how far the own vehicle is to climb; under 0: to sink.
+        other_m: height of the other one.
+        near_m: so far beyond the end of the way (`needed_m`).
+    """
+    if climbs_m == 0.0:
+        return False
+    ahead_m = math.copysign(1.0, climbs_m) * (other_m - height_m)
+    return _LEVEL_M < ahead_m < abs(climbs_m) + near_m
 
 
 def may_pass(room: float, keep_out: float, r_in: float) -> bool:

@@ -8,6 +8,9 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
+_FARTHEST: Final = 1e6
+"""[units]: of a law that reaches everywhere."""
+
 
 class Me(NamedTuple):
     """The receiver: the agent whose terms are asked for."""
@@ -48,6 +51,16 @@ class Known(NamedTuple):
     """It is in N_i, is heard, and flies the same formation."""
     lower: bool
     """The receiver has the lower id of the two: decides which way two on one spot part."""
+
+
+def out_of_reach(away: complex, reach: float) -> complex:
+    """How far the point and the slot of a neighbour are moved that is apart by height, for the law
+    to see it beyond its reach: their difference, and so the shape, stays.
+
+    `away` points to it from the receiver.
+    """
+    far = min(reach, _FARTHEST)
+    return far * (away / abs(away)) if away != 0j else complex(far, 0.0)
 
 
 class LawTerms(NamedTuple):

@@ -11,18 +11,21 @@ Horizontal vectors are north + 1j * east [m]; heights are m above the common fra
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
-from typing import Final
 
 from swarm_ctl.core.kernel.constraints import Margins, Other, keep_out
-from swarm_ctl.core.kernel.heights import NO_SPAN, Span, apart_by_height, may_pass, needed_m, span
+from swarm_ctl.core.kernel.heights import (
+    NO_SPAN,
+    Span,
+    apart_by_height,
+    is_ahead,
+    may_pass,
+    needed_m,
+    span,
+)
 from swarm_ctl.core.model.plan import HEIGHT_DOUBT_M, Plan
 from swarm_ctl.core.swarm.plausibility import HeightJumps
 from swarm_ctl.core.swarm.snapshot import OtherAircraft, PeerSnapshot
-
-_LEVEL_M: Final = 0.3
-"""A height so near to the own one is passed already."""
 
 
 class Layers:
@@ -95,14 +98,13 @@ class Layers:
         climbs_m: float,
     ) -> bool:
         """It is ahead in height, within reach of the way, and too near for passing it."""
-        if other.state is None or other.down or not climbs_m:
+        if other.state is None or other.down:
             return False
-        ahead_m = math.copysign(1.0, climbs_m) * (-other.state.position_ned_m[2] - height_m)
         age_s = other.age_at_most_s if other.yields else 0.0
         near_m = needed_m(one, told, self._layer_m, self._closing_mps, age_s)
-        if not _LEVEL_M < ahead_m < abs(climbs_m) + near_m:
-            return False
-        return not self._has_room(other, own)
+        other_m = -other.state.position_ned_m[2]
+        ahead = is_ahead(height_m, climbs_m, other_m, near_m)
+        return ahead and not self._has_room(other, own)
 
     def _has_room(self, other: OtherAircraft, own: complex) -> bool:
         seen = Other(

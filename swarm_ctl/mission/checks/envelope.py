@@ -55,8 +55,11 @@ def _room_m(plan: Plan) -> float:
 
 def _closest_slots(plan: Plan) -> float:
     """Of all shapes that are formed; infinite for one agent."""
-    shapes = [at.after.offsets for at in plan.all_steps() if at.after.formed]
-    return min(map(smallest_distance, shapes), default=math.inf)
+    shapes = [at.after for at in plan.all_steps() if at.after.formed]
+    return min(
+        (smallest_distance(each.offsets, each.ups_m, plan.slot_layer_m) for each in shapes),
+        default=math.inf,
+    )
 
 
 def _speed_mps(plan: Plan, most: float) -> str:

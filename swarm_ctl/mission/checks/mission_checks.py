@@ -12,6 +12,8 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from swarm_ctl import law_loader
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import apart_in_height, distances
@@ -35,6 +37,7 @@ from swarm_ctl.mission.input.units import enough, metres, said
 from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.sections.shape_sections import OffsetsShape, RingShape, Shape, StarShape
 from swarm_ctl.mission.sections.simulation_section import overlaps
+from swarm_ctl.mission.steps.form import FormSection
 from swarm_ctl.mission.steps.move import MAX_DISTANCE_M
 from swarm_ctl.mission.steps.table import KINDS, LAST
 
@@ -227,14 +230,19 @@ def _shapes(mission: MissionFile) -> Findings:
 
 
 def _slot_distances(mission: MissionFile, place: Place, shape: Shape) -> Findings:
-    between, r_out = distances(slots_of(shape, len(mission.agents))), mission.law.r_out
+    """Slots are r_out apart, or a layer, in each step that forms the shape."""
+    steps = (step.body for step in mission.steps)
+    forms = [body for body in steps if isinstance(body, FormSection) and body.shape == place[-1]]
     ups_m = ups_of(shape, len(mission.agents))
+    between, r_out = distances(slots_of(shape, len(mission.agents))), mission.law.r_out
     if len(ups_m) != len(between):
         what, allowed = f"{len(ups_m)} heights for {len(between)} slots", "one for each slot"
         yield Mistake((*place, "up_m"), what, allowed)
         return
     layer_m = mission.wake.spacing_m(mission.vehicle.limits)
-    between[apart_in_height(ups_m, layer_m)] = math.inf
+    over = [apart_in_height(form.in_layers(ups_m, layer_m), layer_m) for form in forms]
+    between[np.all(over or [apart_in_height(ups_m, layer_m)], axis=0)] = math.inf
+    high = f", or {layer_m:g} m in height" if any(ups_m) or any(f.layers for f in forms) else ""
     metre = metres(mission)
     close = sorted(
         (float(between[i, j]), i, j)
@@ -248,7 +256,6 @@ def _slot_distances(mission: MissionFile, place: Place, shape: Shape) -> Finding
         pair = f"slots {i + 1} and {j + 1} of {len(between)}"
         what = f"{pair} are {said(apart * metre, mission)} apart{more}"
         wide = _wide(shape, r_out / apart) if apart else ""
-        high = f", or {layer_m:g} m in height" if any(ups_m) else ""
         least = said(r_out * metre, mission)
         yield Mistake(where, what, f"more than law.r_out = {least}{wide}{high}")
 
@@ -345,7 +352,7 @@ _CHECKS: tuple[tuple[str, Callable[[MissionFile], Findings]], ...] = (
     ("agents fleet", _fleet_has_all),
     ("agents fleet", _links_of_fleet),
     ("agents simulation", _faults),
-    ("shapes agents law lengths unit_m wake vehicle", _shapes),
+    ("shapes agents law lengths unit_m wake vehicle steps", _shapes),
     ("shapes agents steps", _slot_counts),
     ("steps", _steps),
     ("steps vehicle", _timeouts),

@@ -14,7 +14,9 @@ from swarm_ctl.law_loader import pinned
 from swarm_ctl.mission.geometry.shapes import slot_count, slots_of, ups_of
 from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.sections.mission_sections import SafetySection
+from swarm_ctl.mission.sections.shape_sections import Shape
 from swarm_ctl.mission.steps.among_zones import zones_of
+from swarm_ctl.mission.steps.form import FormSection
 from swarm_ctl.mission.steps.table import KINDS
 
 _FENCE_MARGIN_M = 100.0
@@ -110,14 +112,19 @@ def _box(start: PlannedFormation, steps: tuple[AnyStep, ...]) -> tuple[Point, ..
 
 
 def _shapes(mission: MissionFile) -> tuple[plan.ShapePlan, ...]:
-    """Those with a slot for each agent; a warning tells the others."""
-    count = len(mission.agents)
+    """Those with a slot for each agent, a warning tells the others; in the layers of the first step
+    that forms them."""
+    count, layer_m = len(mission.agents), mission.wake.spacing_m(mission.vehicle.limits)
+    bodies = [step.body for step in mission.steps if isinstance(step.body, FormSection)]
+    forms = {body.shape: body for body in reversed(bodies)}
+
+    def ups_m(name: str, shape: Shape) -> tuple[float, ...]:
+        ups = ups_of(shape, count)
+        ups = forms[name].in_layers(ups, layer_m) if name in forms else ups
+        return tuple(ups) if any(ups) else ()
+
     return tuple(
-        plan.ShapePlan(
-            name,
-            slot_assignment.rounded(slots_of(shape, count)),
-            tuple(ups) if any(ups := ups_of(shape, count)) else (),
-        )
+        plan.ShapePlan(name, slot_assignment.rounded(slots_of(shape, count)), ups_m(name, shape))
         for name, shape in sorted(mission.shapes.items())
         if slot_count(shape, count) == count
     )

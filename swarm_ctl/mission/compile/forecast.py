@@ -97,10 +97,11 @@ def forecast_forms(plan: Plan, group: GroupPlan) -> list[FormForecast]:
     formation = PlannedFormation.at_start(starts, plan.unit_m)
     links: Links = [agent.neighbours for agent in group.agents]
     for step in group.steps:
-        formation = step.after(formation)
+        before, formation = formation, step.after(formation)
         if (form := step.new_shape) is not None:
             links = form.neighbours or links
-            points, found = _form(plan, group.ids, form, points, links, formation.height_m)
+            rest = formation.height_m, before.heights_m
+            points, found = _form(plan, group.ids, form, points, links, *rest)
             forecasts.append(found)
             # The law lets the centre drift; the next steps go on from there.
             north, east = (points.mean(axis=0) * plan.unit_m).tolist()
@@ -111,19 +112,28 @@ def forecast_forms(plan: Plan, group: GroupPlan) -> list[FormForecast]:
 
 
 def _form(
-    plan: Plan, ids: Sequence[int], step: FormStep, points: Array, links: Links, height_m: float
+    plan: Plan,
+    ids: Sequence[int],
+    step: FormStep,
+    points: Array,
+    links: Links,
+    height_m: float,
+    begin_m: Sequence[float],
 ) -> tuple[Array, FormForecast]:
     """The points [units] at the end of a form step that begins at `points`, and its forecast."""
-    swarm = Rehearsal(plan, ids, step, points, links, height_m)
+    end_m = [height_m + up_m for up_m in step.ups_m or (0.0,) * len(ids)]
+    climb = list(zip(begin_m, end_m, strict=True)) if plan.wake is not None else ()
+    swarm = Rehearsal(plan, ids, step, points, links, height_m, climb=climb)
     slots = np.array(step.slots, dtype=np.float64)
     formed_s, since_s = None, None
     nearest, farthest = np.full(swarm.linked.shape, np.inf), 0.0
     for tick in range(round(step.timeout_s / plan.tick_s)):
         now_s, points = tick * plan.tick_s, swarm.points
         between = distances(points)
-        nearest = np.minimum(nearest, between)
+        nearest = np.where(swarm.beside, np.minimum(nearest, between), nearest)
         farthest = max(farthest, float(between[swarm.linked].max(initial=0.0)))
         formed = float(formation_error(points, slots)) * plan.unit_m < step.tolerance_m
+        formed = formed and swarm.at_height
         since_s = (now_s if since_s is None else since_s) if formed else None
         if since_s is not None and now_s - since_s >= step.settle_s:
             formed_s = now_s

@@ -8,16 +8,19 @@ as long (docs/pages/safety.md#the-envelope).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
+from swarm_ctl.core.control.altitude import climb_rate
 from swarm_ctl.core.kernel import align
 from swarm_ctl.core.kernel.coast import coasted
 from swarm_ctl.core.kernel.constraints import Other, constrains, fits, kept, margins_of, tight
 from swarm_ctl.core.kernel.decide import Link, Own, decided
+from swarm_ctl.core.kernel.heights import apart_by_height, is_ahead, may_pass, needed_m, span
 from swarm_ctl.core.kernel.law import Law, Pair
 from swarm_ctl.core.kernel.program import Row
-from swarm_ctl.core.kernel.receiver import Known, Me
+from swarm_ctl.core.kernel.receiver import Known, Me, out_of_reach
 from swarm_ctl.core.kernel.release import NO_RELEASE, noted, swirled, turned
 from swarm_ctl.core.kernel.response import (
     compared,
@@ -28,13 +31,17 @@ from swarm_ctl.core.kernel.response import (
     unknown,
 )
 from swarm_ctl.core.kernel.wish import limited
+from swarm_ctl.core.law.formation import apart_in_height
 from swarm_ctl.core.model.arrays import Bools, Floats, complex_of, plane_of
-from swarm_ctl.core.model.plan import Compensation, Plan
+from swarm_ctl.core.model.plan import HEIGHT_DOUBT_M, Compensation, Plan
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.safety.own_way import OwnWay, wish_on
 from swarm_ctl.core.safety.surroundings import Surroundings
 from swarm_ctl.core.safety.ways import WayMap
 from swarm_ctl.law_loader import law_of
+
+_AT_HEIGHT_M: Final = 0.5
+"""As a step counts it as done."""
 
 
 class Rehearsal:
@@ -47,6 +54,7 @@ class Rehearsal:
         points: where they stand (n, 2) [units].
         links: N_i of each, by agent id.
         height_m: above the origin.
+        climb: of each, the height that it begins at and the one of its slot; (): all are at one.
     """
 
     def __init__(
@@ -57,6 +65,8 @@ class Rehearsal:
         points: Floats,
         links: Sequence[tuple[int, ...]],
         height_m: float,
+        *,
+        climb: Sequence[tuple[float, float]] = (),
     ) -> None:
         self._plan, self._unit_m, self._ids = plan, plan.unit_m, ids
         count, of = len(self._ids), plan.law
@@ -88,6 +98,12 @@ class Rehearsal:
         self._rows: list[Row] = []
         self._surroundings = Surroundings(plan.zones, plan.fence, plan.response, speed_mps, unit_m)
         self._height_m = height_m
+        self._heights = [begin_m for begin_m, _ in climb]
+        self._goals = [goal_m for _, goal_m in climb]
+        self._level = np.ones((count, count), dtype=np.bool_)
+        """Two count as in one plane (n, n)."""
+        self._waits = [False] * count
+        """For one that is in the way of its climb."""
         maps: dict[tuple[int, ...], WayMap] = {}
         self._ways = [OwnWay(plan.zones, plan.fence, plan.tick_s, maps) for _ in self._ids]
 
@@ -95,6 +111,19 @@ class Rehearsal:
     def points(self) -> Floats:
         """Where the vehicles are (n, 2) [units]."""
         return plane_of(np.array(self._place, dtype=np.complex128) / self._unit_m)
+
+    @property
+    def at_height(self) -> bool:
+        """All are at the heights of their slots."""
+        pairs = zip(self._heights, self._goals, strict=True)
+        return all(abs(at_m - goal_m) < _AT_HEIGHT_M for at_m, goal_m in pairs)
+
+    @property
+    def beside(self) -> Bools:
+        """Two are less than a layer apart in height (n, n)."""
+        if not self._heights:
+            return self._level
+        return ~apart_in_height(self._heights, self._plan.layer_m)
 
     def tick(self) -> None:
         """Decide and fly one tick; one agent alone is in its shape wherever it is."""
@@ -110,6 +139,8 @@ class Rehearsal:
         points = [place / unit_m for place in self._place] if plain else stops
         apart = np.abs(np.subtract.outer(stops, stops))
         np.fill_diagonal(apart, np.inf)
+        if self._heights:
+            self._climb(apart)
         wishes = self._round_zones(points, self._terms(points))
         flown = [self._flown(i, stops, apart[i], *wishes[i]) for i in range(len(stops))]
         for i, velocity in enumerate(flown):
@@ -120,6 +151,24 @@ class Rehearsal:
             self._place[i], self._velocity[i] = coasted(
                 self._place[i], self._velocity[i], acting, 1.0, model.coast
             )
+
+    def _climb(self, apart: Floats) -> None:
+        """Which pairs count as in one plane, who waits to pass another, and the others' climb."""
+        plan, margins, heights = self._plan, self._margins, self._heights
+        spans = [span(*each, HEIGHT_DOUBT_M) for each in zip(heights, self._goals, strict=True)]
+        r_in, climbed = plan.law.r_in, list(heights)
+        for i, (at_m, goal_m) in enumerate(zip(heights, self._goals, strict=True)):
+            self._waits[i] = False
+            for j, other in enumerate(spans):
+                over = i != j and apart_by_height(spans[i], other, plan.layer_m, 0.0, 0.0)
+                self._level[i, j] = not over
+                near_m = needed_m(spans[i], other, plan.layer_m, 0.0, 0.0)
+                room = float(apart[i, j]) - margins.keep_out
+                if not over and is_ahead(at_m, goal_m - at_m, heights[j], near_m):
+                    self._waits[i] |= not may_pass(room, margins.keep_out, r_in)
+            if not self._waits[i]:
+                climbed[i] += climb_rate(goal_m - at_m, plan.limits) * plan.tick_s
+        self._heights = climbed
 
     def _terms(self, points: list[complex]) -> list[tuple[complex, complex]]:
         """The law's consensus, with the mean-error feedback, and its avoidance of each agent
@@ -161,18 +210,20 @@ class Rehearsal:
         flies = [setpoint / unit_m for setpoint in self._setpoint]
         for i, point in enumerate(points):
             linked = self.linked[i]
-            rows = [
-                Known(
-                    id=ids[j],
-                    at=points[j],
-                    slot=slots[j],
-                    flies=flies[j],
-                    age_s=0.0,
-                    neighbour=bool(linked[j]),
-                    lower=i < j,
+            level, rows = self._level[i], []
+            for j in np.flatnonzero(minded[i] & (linked | level)).tolist():
+                off = 0j if level[j] else out_of_reach(points[j] - point, reach)
+                rows.append(
+                    Known(
+                        id=ids[j],
+                        at=points[j] + off,
+                        slot=slots[j] + off,
+                        flies=flies[j],
+                        age_s=0.0,
+                        neighbour=bool(linked[j]),
+                        lower=i < j,
+                    )
                 )
-                for j in np.flatnonzero(minded[i]).tolist()
-            ]
             me = Me(
                 id=ids[i],
                 at=point,
@@ -196,6 +247,8 @@ class Rehearsal:
         """What one agent flies [units/s], for the law's terms."""
         safety, margins, tick_s = self._plan.safety, self._margins, self._plan.tick_s
         wish, agent = consensus + avoidance, self._ids[i]
+        if self._waits[i]:  # it makes room for the one that is in the way, and does not form
+            consensus = wish = avoidance + self._room_made(i, stops)
         if safety.release:
             if consensus and avoidance:
                 wish = consensus + swirled(consensus, avoidance)
@@ -214,10 +267,20 @@ class Rehearsal:
             self._release[i] = noted(self._release[i], consensus, wish, margins.speed, tick_s)
         return wish
 
+    def _room_made(self, i: int, stops: list[complex]) -> complex:
+        """Away from all that count as in one plane and are nearer than keep-out."""
+        found, room = 0j, self._margins.keep_out
+        for j in np.flatnonzero(self._level[i]).tolist():
+            away = stops[i] - stops[j]
+            if j != i and abs(away) < room:
+                found += away / max(abs(away), 1e-9) * (room + 0.1 - abs(away))
+        return found
+
     def _others(self, i: int, stops: list[complex], apart: Floats) -> list[Other]:
         """The aircraft that may constrain this agent, whose news is of this very tick."""
         margins, unit_m, found = self._margins, self._unit_m, []
-        for j in np.flatnonzero(apart < margins.keep_out + margins.reach).tolist():
+        near = (apart < margins.keep_out + margins.reach) & self._level[i]
+        for j in np.flatnonzero(near).tolist():
             setpoint, theirs_s = (
                 self._setpoint[j] / unit_m,
                 response_s(self._estimate[j], self._model),

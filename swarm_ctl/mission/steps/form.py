@@ -50,6 +50,12 @@ class FormSection(TimedSection):
     """The neighbours of each agent from this step on. keep: as before; rechoose: the agents within
     `r` in the shape before this step; or a list of links, [id, id]."""
 
+    def in_layers(self, ups_m: list[float], least_m: float) -> list[float]:
+        """The heights of the shape's slots, dealt to the step's layers, `least_m` from each to the
+        next where the step does not say."""
+        layers, spacing_m = self.layers or 1, self.layer_spacing_m or least_m
+        return [up_m + k % layers * spacing_m for k, up_m in enumerate(ups_m)]
+
     @property
     def shape_formed(self) -> str | None:
         return self.shape
@@ -128,9 +134,7 @@ class Form(StepKind[FormSection, FormStep]):
     def _ups_m(written: FormSection, mission: Mission, agents: int) -> tuple[float, ...]:
         """Of each slot, above the flight height; (): all are at it."""
         ups_m = ups_of(mission.shapes[written.shape], agents)
-        if written.layers:
-            spacing_m = written.layer_spacing_m or mission.wake.spacing_m(mission.vehicle.limits)
-            ups_m = [up + k % written.layers * spacing_m for k, up in enumerate(ups_m)]
+        ups_m = written.in_layers(ups_m, mission.wake.spacing_m(mission.vehicle.limits))
         return tuple(ups_m) if any(ups_m) else ()
 
     def words(self, step: FormStep, plan: Plan) -> str:

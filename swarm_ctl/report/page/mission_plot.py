@@ -8,7 +8,7 @@ from typing import Any
 
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.model.geometry import mean_of
-from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.model.plan import Plan, PlannedStep, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.errors import InputError
 
@@ -80,6 +80,22 @@ def _draw_steps(plan: Plan, axes: Any) -> None:
             axes.plot(*_east_north([at.before.centre_m, *way_m]), lw=1.5, label=label)
         elif at.step.new_shape is not None or at.step.spins:
             axes.scatter(*_east_north(at.after.places_m()), marker="x", label=label, zorder=2)
+            if at.after.ups_m:
+                _name_heights(at, axes)
+
+
+def _name_heights(at: PlannedStep, axes: Any) -> None:
+    """Of the slots of a step, beside each; those above each other in one line."""
+    named: dict[Point, list[float]] = {}
+    for north, east, height_m in sorted(
+        (round(n, 1), round(e, 1), high)
+        for (n, e), high in zip(at.after.places_m(), at.after.heights_m, strict=True)
+    ):
+        named.setdefault((east, north), []).append(height_m)
+    for place, heights in named.items():
+        words = f"{at.number}: {', '.join(f'{high:g}' for high in heights)} m high"
+        below = (5, -4 - 9 * at.number)
+        axes.annotate(words, place, textcoords="offset points", xytext=below, fontsize="x-small")
 
 
 def _east_north(points_m: Iterable[Point]) -> tuple[list[float], list[float]]:

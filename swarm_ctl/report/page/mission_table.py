@@ -15,7 +15,8 @@ from swarm_ctl.core.kernel.constraints import margins_of
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import closest_pair
 from swarm_ctl.core.model.fleet import Fleet, SigningPolicy, VehicleKind
-from swarm_ctl.core.model.plan import AgentPlan, Plan, Point
+from swarm_ctl.core.model.plan import AgentPlan, Plan, PlannedStep, Point
+from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.text import agents_named, ranges
 from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S
 from swarm_ctl.core.model.zones import Zone
@@ -70,8 +71,8 @@ def _table(*headings: str) -> Table:
 
 def _agents(loaded: LoadedMission, shown: int) -> Table:
     plan = loaded.plan
-    forms = [(at.group.ids, form) for at in plan.all_steps() if (form := at.step.new_shape)]
-    headings = (f"{form.shape} N, E m" for _, form in forms)
+    forms = [(at, form) for at in plan.all_steps() if (form := at.step.new_shape)]
+    headings = (f"{form.shape} N, E{', up' * bool(form.ups_m)} m" for _, form in forms)
     table = _table("agent", "start N, E m", "neighbours", *headings, "vehicle")
     rows = zip(plan.agents, loaded.fleet.agents, strict=True)
     for k, (agent, entry) in enumerate(rows):
@@ -80,10 +81,7 @@ def _agents(loaded: LoadedMission, shown: int) -> Table:
                 str(agent.id),
                 _metres(agent.start, plan.unit_m),
                 _neighbours(agent, len(plan.agents)),
-                *(
-                    _metres(form.slots[ids.index(agent.id)], plan.unit_m) if agent.id in ids else ""
-                    for ids, form in forms
-                ),
+                *(_slot(at, form, agent.id) for at, form in forms),
                 f"{entry.autopilot} {entry.sysid} {entry.endpoint or ''}",
             )
     return table
@@ -94,6 +92,16 @@ def _neighbours(agent: AgentPlan, count: int) -> str:
     if len(near) == count - 1 > 1:
         return "all"
     return (", ".join(map(str, near)) if len(near) <= _NEAR else ranges(near)) or "none"
+
+
+def _slot(at: PlannedStep, form: FormStep, agent: int) -> str:
+    """North, east, and where slots have heights the one above the take-off point; '' of an agent of
+    another group."""
+    if agent not in at.group.ids:
+        return ""
+    place = at.group.ids.index(agent)
+    found = _metres(form.slots[place], at.plan.unit_m)
+    return f"{found}, {at.after.heights_m[place]:.1f}" if form.ups_m else found
 
 
 def _metres(point: Point, unit_m: float) -> str:
@@ -132,6 +140,11 @@ def _facts(plan: Plan, full: bool, *, routed: bool) -> Iterator[str]:
     yield f"radii    r {law.r * unit:g} m, r_out {law.r_out * unit:g} m, r_in {law.r_in * unit:g} m"
     yield from _graph(plan, full)
     yield f"mesh     {mesh_words(len(plan.agents), routed=routed)}"
+    if plan.wake is not None:
+        yield (
+            f"layers   {plan.layer_m:g} m or more between vehicles above each other;"
+            f" {plan.slot_layer_m:g} m between slots, for what estimates err and vehicles climb"
+        )
     yield from _closest(plan)
     braking_m = stop_distance(limits.speed_mps, plan.response)
     stop_m = limits.speed_mps * plan.response.dead_time_s + braking_m
