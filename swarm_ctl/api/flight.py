@@ -209,6 +209,14 @@ class SwarmFlight(ABC):
         numbers = [north_m, east_m, *([] if speed_mps is None else [speed_mps])]
         return self.order(Order("move", tuple(map(str, numbers)), by=by))
 
+    def follow(
+        self, target: str, north_m: float = 0.0, east_m: float = 0.0, *, in_course: bool = False
+    ) -> SentCommand:
+        """Order the formation to keep so far from a target of the mission; `in_course`: ahead of
+        it, and to its right."""
+        words = (target, str(north_m), str(east_m), *(["course"] if in_course else []))
+        return self.order(Order("follow", words))
+
     @abstractmethod
     def kill_agent(self, agent: int) -> None:
         """End the agent at once; its vehicle is left to its own failsafe."""

@@ -135,6 +135,14 @@ class Swarm:
         numbers = [north_m, east_m, *([] if speed_mps is None else [speed_mps])]
         return self._order(Order(CommandKind.MOVE, tuple(map(str, numbers)), by=by))
 
+    def follow(
+        self, target: str, north_m: float = 0.0, east_m: float = 0.0, *, in_course: bool = False
+    ) -> SentCommand:
+        """Keep the formation so far from a target of the mission; `in_course`: ahead of it, and to
+        its right."""
+        words = (target, str(north_m), str(east_m), *(["course"] if in_course else []))
+        return self._order(Order(CommandKind.FOLLOW, words))
+
     def tune(self, **values: float) -> SentCommand:
         """Change the law of all agents at one time, e.g. `tune(h=0.04, kappa=15)`."""
         words = tuple(f"{name}={value!r}" for name, value in values.items())
@@ -282,6 +290,13 @@ class AsyncSwarm:
     ) -> SentCommand:
         """`Swarm.move`."""
         return await self._do(lambda: self._swarm.move(north_m, east_m, speed_mps, by=by))
+
+    async def follow(
+        self, target: str, north_m: float = 0.0, east_m: float = 0.0, *, in_course: bool = False
+    ) -> SentCommand:
+        """`Swarm.follow`."""
+        follow = self._swarm.follow
+        return await self._do(lambda: follow(target, north_m, east_m, in_course=in_course))
 
     async def tune(self, **values: float) -> SentCommand:
         """`Swarm.tune`."""

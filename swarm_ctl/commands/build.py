@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarm_ctl import slot_assignment
-from swarm_ctl.commands.parse import BY_NAME, Order, rezoned, tuned
+from swarm_ctl.commands.parse import BY_NAME, COURSE, Order, rezoned, tuned
 from swarm_ctl.core.kernel.walls import FENCE
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.messages import ABOUT, ENDING, Command, CommandKind, Gains, Tuning
 from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.text import agents_named
@@ -161,9 +162,11 @@ def build(order: Order, swarm: SwarmNow) -> Command:
         case CommandKind.NEXT:
             return replace(command, at_step=order.at_step or swarm.step)
         case CommandKind.FORM:
-            step: FormStep | MoveStep = _form(order.arguments[0], swarm)
+            step: FormStep | MoveStep | FollowStep = _form(order.arguments[0], swarm)
         case CommandKind.MOVE:
             step = _move(order, swarm)
+        case CommandKind.FOLLOW:
+            step = _follow(order, swarm)
         case CommandKind.TUNE | CommandKind.ZONE:
             agents, tuning = _tune(order, swarm)
             return replace(command, agents=agents, tuning=tuning, plan_hash=swarm.plan.hash())
@@ -241,6 +244,27 @@ def _move(order: Order, swarm: SwarmNow) -> MoveStep:
     waypoints_m, opens_m = _way_round(swarm, list(points_m.values()), (north, east))
     ends = _TOLERANCE_M, _SETTLE_S, _NO_END_S
     return MoveStep(waypoints_m, speed, *ends, opens_m=opens_m)
+
+
+def _follow(order: Order, swarm: SwarmNow) -> FollowStep:
+    """The formation with a target, until another order."""
+    name, *rest = order.arguments
+    plan = swarm.plan
+    known = [target.name for target in plan.targets]
+    if name not in known:
+        close = difflib.get_close_matches(name, known, n=1)
+        hint = f"; did you mean {close[0]}?" if close else ""
+        allowed = ", ".join(known) or "none: give the mission `targets`"
+        raise InputError(f"there is no target {name!r} in this mission{hint}; allowed: {allowed}")
+    north, east = [float(word) for word in rest if word != COURSE] or (0.0, 0.0)
+    return FollowStep(
+        name,
+        (north, east),
+        in_course=COURSE in rest,
+        speed_mps=plan.limits.speed_mps,
+        duration_s=_NO_END_S,
+        timeout_s=_NO_END_S,
+    )
 
 
 def _way_round(

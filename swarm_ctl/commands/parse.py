@@ -48,6 +48,10 @@ class Kind:
 
 _BY: Final = "--by"
 _MOVE_DOES: Final = f"move the formation to a point [m] at a speed [m/s]; {_BY}: so far from here"
+_FOLLOW_DOES: Final = (
+    "keep the formation so far [m] from a target of the mission; course: ahead of it, to its right"
+)
+COURSE: Final = "course"
 _TUNE_DOES: Final = "change the law of all agents at one time"
 _ZONE_DOES: Final = "a zone [m] that no vehicle enters: for all agents at one time"
 ZONE_USAGE: Final = (
@@ -67,6 +71,7 @@ KINDS: Final[tuple[Kind, ...]] = (
     Kind(CommandKind.NEXT, "", "end the current step", "n"),
     Kind(CommandKind.FORM, "SHAPE", "fly into another shape of the mission", "f"),
     Kind(CommandKind.MOVE, "NORTH EAST [SPEED]", _MOVE_DOES, "m"),
+    Kind(CommandKind.FOLLOW, "TARGET [NORTH EAST] [course]", _FOLLOW_DOES, "F"),
     Kind(CommandKind.TUNE, "NAME=VALUE ...", _TUNE_DOES, "u"),
     Kind(CommandKind.ZONE, "add/lift NAME ...", _ZONE_DOES, "z"),
     Kind(CommandKind.LAND, "", "land in place", "l", _LANDS),
@@ -147,6 +152,8 @@ def arguments(kind: Kind, named: Sequence[str], plan: Plan) -> list[str]:
     """The words that may follow a command and its arguments so far."""
     if kind.name is CommandKind.FORM:
         return [] if named else [shape.name for shape in plan.shapes]
+    if kind.name is CommandKind.FOLLOW:
+        return [COURSE] if len(named) == 3 else [t.name for t in plan.targets if not named]
     if kind.name is CommandKind.TUNE:
         values = values_of(planned(plan)).items()
         taken = {word.partition("=")[0] for word in named}
@@ -277,6 +284,14 @@ def _check(kind: Kind, arguments: list[str], plan: Plan) -> None:
         numbers = [_number(word) for word in arguments]
         if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):
             raise InputError(f"usage: {usage}, e.g. move 20 -5, or move {_BY} 10 0")
+    elif kind.name is CommandKind.FOLLOW:
+        numbers = [_number(word) for word in arguments[1:] if word != COURSE]
+        named = not arguments or math.isnan(_number(arguments[0]))
+        finite = len(numbers) in (0, 2) and all(map(math.isfinite, numbers))
+        if not arguments or not finite or not named or arguments.count(COURSE) > 1:
+            known = ", ".join(target.name for target in plan.targets)
+            what = f"this mission has {known or 'no targets'}"
+            raise InputError(f"usage: {usage}, e.g. follow boat -20 0 course; {what}")
     elif kind.name is CommandKind.TUNE:
         tuned(arguments, planned(plan), plan)
     elif kind.name is CommandKind.ZONE:

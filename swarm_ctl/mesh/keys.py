@@ -20,7 +20,9 @@ from swarm_ctl.core.model.messages import (
     LawNews,
     SigmaReport,
     StationBeacon,
+    TargetWord,
 )
+from swarm_ctl.mesh.payloads import STATE_BYTES
 
 P = TypeVar("P")
 
@@ -134,7 +136,7 @@ STATE: Final = Channel(
     listeners="agents, stations",
     rate=_EVERY_TICK,
     qos=NEWEST,
-    bounds=Bounds(157, 200.0, 1000),
+    bounds=Bounds(STATE_BYTES, 200.0, 1000),
 )
 FAR: Final = Channel(
     name="far",
@@ -143,7 +145,7 @@ FAR: Final = Channel(
     listeners="agents",
     rate="2 Hz, of more than 16 agents",
     qos=REPORT,
-    bounds=Bounds(157, 4.0, 100),
+    bounds=Bounds(STATE_BYTES, 4.0, 100),
 )
 CLOCK: Final = Channel(
     name="clock",
@@ -162,6 +164,25 @@ LAW: Final = Channel(
     rate="1 Hz while a peer flies another law, or has other zones",
     qos=MUST_ARRIVE,
     bounds=Bounds(24 * _KB, 4.0, 50),
+)
+_TARGET_RATE: Final = "5 Hz, of a target that it hears"
+TARGET: Final = Channel(
+    name="target",
+    payload=TargetWord,
+    publisher="agent",
+    listeners="agents, stations",
+    rate=_TARGET_RATE,
+    qos=REPORT,
+    bounds=Bounds(_KB, 50.0, 100),
+)
+SIGHTING: Final = Channel(
+    name="sighting",
+    payload=TargetWord,
+    publisher="station",
+    listeners="agents, stations",
+    rate=_TARGET_RATE,
+    qos=REPORT,
+    bounds=Bounds(_KB, 50.0, 100),
 )
 STATUS: Final = Channel(
     name="status",
@@ -218,5 +239,5 @@ BEACON: Final = Channel(
     bounds=Bounds(_KB, 8.0, 100),
 )
 
-_ALL = (STATE, FAR, CLOCK, LAW, STATUS, SIGMA, EVENT, ACK, COMMAND, BEACON)
+_ALL = (STATE, FAR, CLOCK, LAW, TARGET, SIGHTING, STATUS, SIGMA, EVENT, ACK, COMMAND, BEACON)
 CHANNELS: Final[tuple[Channel[object], ...]] = _ALL  # type: ignore[assignment]  # P is invariant

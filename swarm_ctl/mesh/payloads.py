@@ -35,6 +35,7 @@ from swarm_ctl.core.model.messages import (
     Phase,
     SigmaReport,
     StationBeacon,
+    TargetWord,
 )
 from swarm_ctl.errors import PayloadError
 
@@ -47,13 +48,20 @@ _STATE: Final = struct.Struct("<BBHIdQHB3d3f2d2f2d3f2fBBIII8h")
 """version, flags, agent, seq, time_s, plan_hash, step, phase, position_ned_m, velocity_ned_mps,
 stop_point_m, setpoint_mps, frame (point_m, angle_rad, scale, rate), response_s, doubt_s, frame.leg,
 stage, override, gains_tag, next_gains_tag, exchange. Flags: bit 0 done, bit 1 airborne, bit 2 frame
-(else its fields are 0), bits 3 and 4 left (its place in `_LEFT`), bit 5 down."""
+(else its fields are 0), bits 3 and 4 left (its place in `_LEFT`), bit 5 down, bit 6 a target leads
+the frame (else `_LED` is left out)."""
 _HEIGHT: Final = struct.Struct("<f")
 """goal_height_m, behind a state of a mission whose slots have heights."""
-_HIGH_SIZE: Final = _STATE.size + _HEIGHT.size
+_LED: Final = struct.Struct("<2f")
+"""frame.velocity_mps, behind the rest."""
+STATE_BYTES: Final = _STATE.size + _LED.size + _HEIGHT.size
+"""Of the longest state."""
+_SIZES: Final = tuple(
+    _STATE.size + led + high for led in (0, _LED.size) for high in (0, _HEIGHT.size)
+)
 _STATE_PEEK: Final = struct.Struct("<2xH4xd11x2d")
 """agent, time_s, north and east of the same."""
-_DONE, _AIRBORNE, _FRAME, _DOWN = 1, 2, 4, 32
+_DONE, _AIRBORNE, _FRAME, _DOWN, _IS_LED = 1, 2, 4, 32, 64
 _PHASES: Final[dict[int, Phase]] = {phase.value: phase for phase in Phase}
 _LEFT: Final = (None, *ENDING)
 _LEFT_BIT: Final = 3
@@ -106,7 +114,7 @@ def _decode_command(data: bytes) -> Command:
 # Built on import (30 ms), in the agents' forkserver: no control loop stalls at its first status.
 _ADAPTERS: Final[dict[type[Any], TypeAdapter[Any]]] = {
     kind: TypeAdapter(kind)
-    for kind in (AgentStatus, LawNews, SigmaReport, Event, Ack, Command, StationBeacon)
+    for kind in (AgentStatus, LawNews, TargetWord, SigmaReport, Event, Ack, Command, StationBeacon)
 }
 
 
@@ -114,28 +122,34 @@ def _encode_state(s: AgentState) -> bytes:
     flags = _DONE * s.done | _AIRBORNE * s.airborne | _FRAME * (s.frame is not None)
     flags |= _LEFT.index(s.left) << _LEFT_BIT | _DOWN * s.down
     frame = s.frame or _NO_FRAME
+    flags |= _IS_LED * (frame.velocity_mps != (0.0, 0.0))
     head = (VERSION, flags, s.agent, s.seq, s.time_s, s.plan_hash, s.step, s.phase)
     motion = (*s.position_ned_m, *s.velocity_ned_mps, *s.stop_point_m, *s.setpoint_mps)
     shared = (*frame.point_m, frame.angle_rad, frame.scale, frame.rate)
     response = (s.response_s, s.doubt_s, min(frame.leg, 255))
     progress = (s.stage, s.override, s.gains_tag, s.next_gains_tag)
     rest = b"" if s.goal_height_m is None else _HEIGHT.pack(s.goal_height_m)
+    if flags & _IS_LED:
+        rest = _LED.pack(*frame.velocity_mps) + rest
     exchange = _exchange_fields(s.exchange)
     return _STATE.pack(*head, *motion, *shared, *response, *progress, *exchange) + rest
 
 
 def _decode_state(data: bytes) -> AgentState:
-    goal_m = None
-    if len(data) == _HIGH_SIZE:
-        (goal_m,) = _HEIGHT.unpack_from(data, _STATE.size)
-        data = data[: _STATE.size]
-    values = _STATE.unpack(data)
+    values, rest = _STATE.unpack_from(data), data[_STATE.size :]
     _, flags, agent, seq, time_s, plan_hash, step, phase = values[:8]
+    led_mps, goal_m = (0.0, 0.0), None
+    if flags & _IS_LED:
+        led_mps, rest = _LED.unpack_from(rest), rest[_LED.size :]
+    if rest:
+        (goal_m,) = _HEIGHT.unpack(rest)
     # One sum for all floats: it is not finite if one of them is not.
-    if not math.isfinite(sum(values[8:25], time_s)) or not math.isfinite(goal_m or 0.0):
+    if not math.isfinite(sum(values[8:25], time_s) + led_mps[0] + led_mps[1] + (goal_m or 0.0)):
         raise ValueError("a number is not finite")
     angle_rad, scale, rate, response_s, doubt_s, leg = values[20:26]
-    frame = Frame(values[18:20], angle_rad, scale, leg, rate) if flags & _FRAME else None
+    frame = None
+    if flags & _FRAME:
+        frame = Frame(values[18:20], angle_rad, scale, leg, rate, led_mps)
     stage, command, law, next_law = values[26:30]
     return AgentState(
         agent,
@@ -166,7 +180,7 @@ def _decode_state(data: bytes) -> AgentState:
 
 def glimpse(kind: type[object], data: bytes) -> Glimpse | None:
     """A state or a clock word, unchecked, with a tenth of the work of `decode`; None: neither."""
-    if kind is AgentState and len(data) in (_STATE.size, _HIGH_SIZE):
+    if kind is AgentState and len(data) in _SIZES:
         agent, time_s, north, east = _STATE_PEEK.unpack_from(data)
         return Glimpse(agent, time_s, (north, east))
     if kind is ClockNews and len(data) >= _CLOCK.size:

@@ -24,6 +24,7 @@ from swarm_ctl.mission.sections.mission_sections import (
 from swarm_ctl.mission.sections.section import Links, Name, Section, Timeout
 from swarm_ctl.mission.sections.shape_sections import Shape
 from swarm_ctl.mission.sections.simulation_section import SimulationSection
+from swarm_ctl.mission.sections.target_sections import TargetSection
 from swarm_ctl.mission.sections.vehicle_section import VehicleSection
 from swarm_ctl.mission.sections.zone_sections import ZoneSection
 from swarm_ctl.mission.steps.table import LAST, StepEntry
@@ -55,6 +56,8 @@ class MissionFile(Section):
     zones: dict[Name, ZoneSection] = Field(default={}, max_length=250)
     """Places that no vehicle enters, by name; or the path of a GeoJSON, KML or QGroundControl
     `.plan` file, relative to the mission file."""
+    targets: dict[Name, TargetSection] = Field(default={}, max_length=20)
+    """What `follow` may follow, by name."""
     neighbours: Literal["starts"] | Links = "starts"
     """starts: agents that start within `r` of each other are neighbours (the paper's rule); or a
     list of links, [id, id]."""

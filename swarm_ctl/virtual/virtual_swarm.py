@@ -256,6 +256,11 @@ class VirtualSwarm:
             far=[(state, member.clock(at)) for state, at in take(keys.FAR, likely)],
             clocks=[(news, member.clock(at)) for news, at in take(keys.CLOCK, likely)],
             laws=[news for news, _ in member.node.take(keys.LAW)],
+            targets=[
+                (word, member.clock(at))
+                for channel in (keys.TARGET, keys.SIGHTING)
+                for word, at in member.node.take(channel)
+            ],
             beacons=[(beacon, member.clock(at)) for beacon, at in member.node.take(keys.BEACON)],
             commands=[command for command, _ in member.node.take(keys.COMMAND)],
             told_to_end=self.told_to_end,

@@ -68,6 +68,8 @@ def send(
     form SHAPE           fly into another shape of the mission file
     move N E             take the formation's centre N m north, E m east
                          of the origin
+    follow TARGET N E    keep it N m north, E m east of a target of the mission;
+                         `course` behind them: ahead of it and to its right
     tune NAME=VALUE ...  set h, kappa, delta_a or delta_l of the law, in all
                          agents or in none; `tune plan`: as in the mission
     zone add NAME ...    a zone that no vehicle enters: `circle N E R`, or
@@ -93,6 +95,7 @@ def send(
         swarm-ctl send hold
         swarm-ctl send form vee
         swarm-ctl send move -20 35.5 --speed 2
+        swarm-ctl send follow boat -20 0 course
         swarm-ctl send tune h=0.04 kappa=15
         swarm-ctl send zone add pond circle 30 -5 8
         swarm-ctl send land --run hexagon --agents 3

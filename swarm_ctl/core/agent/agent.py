@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Container, Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from swarm_ctl.core.agent import failsafes
@@ -45,16 +45,19 @@ from swarm_ctl.core.model.messages import (
     SigmaReport,
     StationBeacon,
     StepOutcome,
+    TargetWord,
     TickReport,
 )
 from swarm_ctl.core.model.own_parameters import Found, ParameterNote
 from swarm_ctl.core.model.plan import Plan, Response
+from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.model.vehicle import Goal, VehicleView
 from swarm_ctl.core.safety.surroundings import FENCE_NAME
 from swarm_ctl.core.swarm.hearing import Hearing, hears_all
 from swarm_ctl.core.swarm.peers import Peers
 from swarm_ctl.core.swarm.plausibility import Doubt, Suspicion
+from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
 _STANDS_MPS = 0.5
 STATUS_EVERY_S: Final = 0.5
@@ -79,6 +82,7 @@ class Inbox:
     """Far words (`core/swarm/hearing.py`)."""
     clocks: Sequence[tuple[ClockNews, float]] = ()
     laws: Sequence[LawNews] = ()
+    targets: Sequence[tuple[TargetWord, float]] = ()
     beacons: Sequence[tuple[StationBeacon, float]] = ()
     commands: Sequence[Command] = ()
     told_to_end: str = ""
@@ -110,6 +114,7 @@ class Actions:
     """The peers whose states are to be heard from now on."""
     clock: ClockNews | None = None
     law: LawNews | None = None
+    targets: tuple[TargetWord, ...] = ()
     status: AgentStatus | None = None
     sigma: SigmaReport | None = None
     events: tuple[Event, ...] = ()
@@ -169,6 +174,8 @@ class Agent:
         """The step in which it was said last that there is no way, and how."""
         self._inside = ""
         """The zone that the vehicle is in."""
+        self._sightings = tuple[TargetWord, ...]()
+        """What this agent itself hears of targets in this tick."""
         self._shape = self._group.reference.shape
         """Before the newest commanded one; so the next."""
         self._heights = self._group.heights
@@ -265,10 +272,34 @@ class Agent:
         snapshot = peers.snapshot(now, view.contacts, self._controller.point_m)
         for law in inbox.laws:
             self._fly_law(now, self._command_handler.gain_update.take_up(law, snapshot))
+        snapshot = self._hear_targets(now, inbox, snapshot)
         self._attention.run(now)
         self._tell_notes(now)
         heard = self._station, self._attention, self._members, self._phase
         return Tick(now, view, fix, snapshot, *heard)
+
+    def _hear_targets(self, now: float, inbox: Inbox, snapshot: PeerSnapshot) -> PeerSnapshot:
+        """The other aircraft, with the targets that are at the own height."""
+        targets, group = self._group.targets, self._group
+        if not targets:
+            return snapshot
+        for word, received_s in inbox.targets:
+            targets.hear(word, received_s)
+        step = self._flown_step()
+        leads = group.reference.leads and self._phase is Phase.FLY
+        began_s = group.progress.started_s if leads else None
+        contacts = inbox.view.contacts
+        self._sightings = tuple(targets.sight(now, contacts, snapshot, step, began_s))
+        for severity, text in targets.say(now, step):
+            self._log.say(now, severity, text)
+        strangers = targets.aircraft(now, self._controller.down_m)
+        return replace(snapshot, traffic=(*snapshot.traffic, *strangers))
+
+    def _flown_step(self) -> FollowStep | None:
+        """What follows a target now: the command's step, else the mission's."""
+        override = self._command_handler.override
+        step = override.step if override is not None else self._group.progress.current
+        return step.follows if step is not None else None
 
     def _tell_notes(self, now: float) -> None:
         """Said when a station hears it, or at the latest before the flight: an event is sent
@@ -404,6 +435,7 @@ class Agent:
             fell=own.fell(tick.now),
             sunk_s=own.sunk_s(tick.now),
             waits=self._waits_for(tick.now),
+            target_lost=lambda: group.target_lost(tick.now),
             leads=lambda: group.leads(tick, stop_point_m),
         )
 
@@ -507,6 +539,7 @@ class Agent:
         actions.acks = acks
         self._choose_near(tick, actions)
         actions.clock = self._peers.clocks.say(tick.now)
+        actions.targets = self._sightings
         actions.law = self._command_handler.gain_update.tell(tick.peers)
         # on the way down the peers fall silent one by one, and none is followed
         down = self._phase in (Phase.LAND, Phase.RETURN, Phase.ENDED)

@@ -216,7 +216,7 @@ class CommandHandler:
         """Drop a shape or a move that no other agent flies, for what was flown before; whether
         there was one."""
         override = self.override
-        if override is None or override.kind not in (CommandKind.FORM, CommandKind.MOVE):
+        if override is None or override.kind not in _TOGETHER:
             return False
         self.override, self._before = self._before, None
         return True
@@ -229,6 +229,7 @@ def _past(command: Command, situation: AgentSituation) -> bool:
 
 # --- why a command cannot be obeyed: '' where it can ---
 
+_TOGETHER: Final = (CommandKind.FORM, CommandKind.MOVE, CommandKind.FOLLOW)
 _WAY_DOWN: Final = "allowed now: land, kill"
 
 
@@ -321,12 +322,31 @@ def _check_move(command: Command, situation: AgentSituation) -> str:
     return _check_flying(command, situation)
 
 
+def _check_follow(command: Command, situation: AgentSituation) -> str:
+    step, plan = command.step.follows if command.step else None, situation.plan
+    if step is None:
+        return "the command has no target"
+    if command.agents:
+        return "the formation follows as a whole; give it to all agents"
+    if not situation.formed:
+        return "there is no formation yet that could follow"
+    if step.target not in [target.name for target in plan.targets]:
+        return f"the mission has no target {step.target!r}"
+    if not all(map(math.isfinite, step.offset_m)):
+        return "the offset is not finite"
+    limit = plan.limits.speed_mps
+    if not 0 < step.speed_mps <= limit:
+        return f"{step.speed_mps:g} m/s; allowed: above 0, at most {limit:g} m/s"
+    return _check_flying(command, situation)
+
+
 _CHECKS: Final[dict[str, Callable[[Command, AgentSituation], str]]] = {
     CommandKind.HOLD: _check_flying,
     CommandKind.RESUME: _check_resume,
     CommandKind.NEXT: _check_flying,
     CommandKind.FORM: _check_form,
     CommandKind.MOVE: _check_move,
+    CommandKind.FOLLOW: _check_follow,
     CommandKind.LAND: _check_land,
     CommandKind.RETURN: _check_return,
     CommandKind.KILL: _check_kill,

@@ -83,6 +83,8 @@ class Situation:
     leads: Callable[[], int | None] = lambda: None
     """The peer whose told place the shape follows (`Group.leads`); asked outside the fence
     alone."""
+    target_lost: Callable[[], str] = lambda: ""
+    """The step's target was not heard for longer than the step waits for it; '' where it was."""
     estimate_doubt: str = ""
     """What the vehicle has been saying against its own estimate (`EstimateWatch`), or ''."""
 
@@ -331,6 +333,15 @@ def _beyond_fence(s: Situation) -> FailsafeTrigger | None:
     return _by_policy(s.plan.policies.fence, reason + drawn)
 
 
+def _target_lost(s: Situation) -> FailsafeTrigger | None:
+    step = s.progress.current
+    follows = step.follows if step is not None and not s.progress.done else None
+    if follows is None or follows.on_lost is Policy.HOLD:
+        return None  # the formation stands
+    reason = s.target_lost()
+    return _by_policy(follows.on_lost, reason) if reason else None
+
+
 def _battery_low(s: Situation) -> FailsafeTrigger | None:
     left, reserve = s.tick.view.battery_percent, s.plan.policies.battery_reserve_percent
     if not s.was_armed or left is None or left >= reserve:
@@ -389,6 +400,7 @@ CHECKS: Final[dict[Check, Cause]] = {
     _estimate_in_doubt: Cause.ESTIMATE,
     _beyond_fence: Cause.FENCE,
     _battery_low: Cause.BATTERY,
+    _target_lost: Cause.TARGET,
     _peers_departed: Cause.ORDER,
     _peers_gone: Cause.PEER,
     _station_gone: Cause.STATION,

@@ -14,6 +14,7 @@ from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.detour import Detour
 from swarm_ctl.core.control.in_file import InFile
 from swarm_ctl.core.control.reference import Reference
+from swarm_ctl.core.control.target import Targets
 from swarm_ctl.core.law.formation import error_of_one
 from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.messages import AgentState, Severity
@@ -55,6 +56,7 @@ class Group:
         self.reference = Reference(plan, own_id)
         self.neighbourhood = Neighbourhood(group, own_id)
         self.slot_exchange = SlotExchange(plan, own_id, peers)
+        self.targets = Targets(plan, own_id)
         self._in_file = InFile(plan, own_id)
         self._detour = Detour(plan)
         self._formations = group.formations(plan.unit_m)
@@ -239,8 +241,9 @@ class Group:
     def formation(
         self, tick: Tick, step: Step, override: int, own_m: Point, *, free: bool
     ) -> tuple[Formation, Point, Point | None]:
-        """The formation of this tick, the own place's velocity in it [m/s], and on the agent that
-        is pinned to its place how far it is off [m].
+        """The formation of this tick, the own place's velocity in it [m/s], and on an agent that is
+        pinned to its place how far it is off [m]. After a target all are: by one alone the rest of
+        twenty would be drawn along too slowly to turn with it.
 
         Args:
             tick: what is heard.
@@ -250,14 +253,27 @@ class Group:
             free: this agent may be the pinned one.
         """
         reference, key = self.reference, self.key(override)
-        off = None
+        off, follows = None, step.follows
+        reference.target = self.targets.now(follows.target, tick.now) if follows else None
         if step.new_shape is None:
             others = tick.members.without(self.departed)
             reference.follow(others, step, key, own_m, self.formation_error_m, free=free)
-            off = reference.off_m(own_m) if reference.leads and reference.slots else None
+            pinned = reference.leads or follows is not None
+            off = reference.off_m(own_m) if pinned and reference.slots else None
         near, centre = self.neighbourhood.own, reference.motion.velocity
         formation = Formation(reference.slots, near, centre, key, reference.spin)
         return formation, reference.feed_forward, off
+
+    def target_lost(self, now: float) -> str:
+        """That the mission step's target was not heard for longer than it waits for it, or ''."""
+        step = self.progress.current
+        follows = step.follows if step is not None else None
+        if follows is None:
+            return ""
+        lost_s = self.targets.lost_s(follows, now, self.progress.started_s)
+        if lost_s <= follows.lost_after_s:
+            return ""
+        return f"target {follows.target} has not been heard for {follows.lost_after_s:g} s"
 
     def file_place(self, tick: Tick, step: MoveStep, own_m: Point) -> Point | None:
         """Where to fly in a move in file; None: stay. Call it after `formation`."""

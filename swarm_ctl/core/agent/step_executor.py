@@ -234,6 +234,10 @@ class StepExecutor:
         settling = step.settling
         if settling is None:
             lasted_s = now - progress.started_s - progress.paused_s
+            follows = step.follows
+            goes_on = follows is not None and follows.on_lost is Policy.CONTINUE
+            if goes_on and group.target_lost(now):
+                progress.finish_step(now, StepOutcome.TIMEOUT)
             if step.lasts_s is not None and lasted_s >= step.lasts_s:
                 progress.finish_step(now)
             return

@@ -62,7 +62,9 @@ class Controller:
         self._memory = [0.0] * self._law.memory
         self.estimate = OwnResponse(vehicle, plan.tick_s)
         self.headwind = Headwind(vehicle, plan.tick_s)
-        self._located_s, self._down_m = math.inf, 0.0
+        self._located_s = math.inf
+        self.down_m = 0.0
+        """The own depth in the common frame."""
         self.safety_filter = SafetyFilter(plan, own_id, vehicle, self.estimate)
         self._vehicle = vehicle
         self.zones = plan.zones
@@ -132,12 +134,12 @@ class Controller:
             for _ in range(skipped):
                 self.estimate.sent(complex(*self.setpoint_mps))
         self._located_s = now
-        (north, east, self._down_m), (v_north, v_east, _) = (
+        (north, east, self.down_m), (v_north, v_east, _) = (
             fix.position_ned_m,
             fix.velocity_ned_mps,
         )
-        self.safety_filter.height_m = -self._down_m
-        self.safety_filter.layers.locate(now, -self._down_m, -fix.velocity_ned_mps[2])
+        self.safety_filter.height_m = -self.down_m
+        self.safety_filter.layers.locate(now, -self.down_m, -fix.velocity_ned_mps[2])
         point = self.estimate.stop_point(complex(north, east), complex(v_north, v_east))
         self.stop_point_m = (point.real, point.imag)
         plain = self._plan.compensation is Compensation.NONE
@@ -158,7 +160,7 @@ class Controller:
         the own stop point to the own place, for the agent that is pinned to it: the place weighs as
         much as all neighbours.
         """
-        snapshot = self._in_layers(snapshot.aloft(self._down_m))
+        snapshot = self._in_layers(snapshot.aloft(self.down_m))
         if self.safety_filter.layers.waits_for is not None:
             # the shape would draw it under or over the very aircraft that it is to pass
             return self.keep_clear(snapshot, room_m=self.safety_filter.margins.keep_out)
@@ -183,7 +185,7 @@ class Controller:
     def go_to(self, snapshot: PeerSnapshot, to_m: Point, speed_mps: float) -> Point:
         """Straight to a point, keeping apart from what is aloft; around an aircraft that stands in
         the way, and out of a dead-lock as in a formation."""
-        snapshot = self._in_layers(snapshot.aloft(self._down_m))
+        snapshot = self._in_layers(snapshot.aloft(self.down_m))
         _, avoidance = self._terms(snapshot, NO_FORMATION)
         leg = self._leg(complex(*to_m))
         if leg.round:
@@ -203,7 +205,7 @@ class Controller:
         `ground`: keep clear of vehicles that stand on the ground, too, as before a landing.
         """
         self._round, self.safety_filter.loose = "", False
-        snapshot = self._in_layers(snapshot if ground else snapshot.aloft(self._down_m))
+        snapshot = self._in_layers(snapshot if ground else snapshot.aloft(self.down_m))
         _, wish = self._terms(snapshot, NO_FORMATION)
         own = complex(*self.stop_point_m)
         for other in snapshot.near(own, room_m):
@@ -215,7 +217,7 @@ class Controller:
         """Stay over a place, out of the way of what comes closer than the filter allows."""
         own = complex(*self.stop_point_m)
         wish = self.gain * (complex(*place_m) - own)
-        snapshot = self._in_layers(snapshot.aloft(self._down_m))
+        snapshot = self._in_layers(snapshot.aloft(self.down_m))
         return self._filtered(snapshot, wish, NO_FORMATION)
 
     def rest(self) -> None:
@@ -254,7 +256,7 @@ class Controller:
 
     def _leg(self, to: complex) -> WayLeg:
         """To a place of its own, round zones."""
-        heights = sorted((-self._down_m, self.safety_filter.climbs_m - self._down_m))
+        heights = sorted((-self.down_m, self.safety_filter.climbs_m - self.down_m))
         leg = self._way.leg(complex(*self.point_m), to, *heights)
         self.safety_filter.loose = bool(leg.round)
         verb = "goes round" if leg.exists else NO_WAY

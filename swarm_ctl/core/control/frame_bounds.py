@@ -5,6 +5,7 @@ of it is held against what each of them knows:
 
 - its way: from where the frame stood when the step began, along the step's own path, not beside it;
 - its pace: no faster along it than the step flies, and no slower than the rate that it tells;
+- after a target: no faster than the step flies;
 - at first, where the vehicles are: the leader near its place, or all of them near theirs.
 
 A frame that is not believed is not followed: the formation stands, and the leader is named.
@@ -16,7 +17,7 @@ import math
 from typing import Final, NamedTuple
 
 from swarm_ctl.core.model.formation_frame import Frame
-from swarm_ctl.core.model.steps.step import Step
+from swarm_ctl.core.model.steps.step import Step, strayed
 from swarm_ctl.core.swarm.plausibility import JUMP_M
 
 _BESIDE_M: Final = 1.0
@@ -50,10 +51,12 @@ class FrameBounds:
         """How far the rates that were told have of late led beyond the frames."""
         self._done_m, self._fed_s = 0.0, -math.inf
         """How far along its way the last frame was, and when."""
+        self._led: tuple[Frame, float] | None = None
+        """The last frame of a target that was believed, and when."""
 
     def begin(self, start: Frame | None) -> None:
         """A step begins, with the frame here."""
-        self._start, self._first_m, self._ahead_m = start, None, 0.0
+        self._start, self._first_m, self._ahead_m, self._led = start, None, 0.0, None
 
     def doubt(
         self, frame: Frame, step: Step, radius_m: float, now: float, places: Places, *, feeds: bool
@@ -63,7 +66,9 @@ class FrameBounds:
         `radius_m` is the outermost place's distance from the centre at scale 1. `feeds`: the rate
         that it tells is flown now.
         """
-        speed = step.path.speed_mps if step.path else 0.0
+        if step.follows is not None:
+            return self._doubt_led(frame, step.frame_mps, radius_m, now)
+        speed = step.frame_mps
         tolerance_m = step.settling.tolerance_m if step.settling else 0.0
         beside_m = min(_BESIDE_M, _SMALL * radius_m)
         if self._first_m is None:
@@ -96,6 +101,24 @@ class FrameBounds:
         self._last_s, self._pace_mps = now, speed
         return ""
 
+    def _doubt_led(self, frame: Frame, most_mps: float, radius_m: float, now: float) -> str:
+        """Of a frame that a target leads: no plan knows its way, but its speed has a limit."""
+        beside_m = min(_BESIDE_M, _SMALL * radius_m)
+        last, since_s = self._led or (self._start or frame, now - _LATE_S)
+        apart_m, turned_m, grown_m = strayed(last, frame, radius_m)
+        if turned_m + grown_m > beside_m:
+            return _off(turned_m + grown_m, beside_m)
+        most_m = most_mps * (_FASTER * (now - since_s) + _PACE_S) + beside_m
+        if apart_m > most_m:
+            gone = f"{apart_m:.1f} m in {now - since_s:.1f} s"
+            return f"its formation moved by {gone}; allowed: {most_m:.1f} m"
+        speed = math.hypot(*frame.velocity_mps)
+        if speed > _FASTER * most_mps:
+            return f"its formation moves at {speed:.1f} m/s; allowed: {most_mps:g} m/s"
+        self._led = frame, now
+        self._last_s, self._pace_mps = now, most_mps
+        return ""
+
     def _feed(self, done_m: float, speed_mps: float, now: float) -> None:
         """The frame is so far along its way, and its rate has been flown at this speed since the
         last one, believed or not."""
@@ -126,7 +149,7 @@ class FrameBounds:
         if off_m > beside_m:
             return _off(off_m, beside_m)
         near = places.leader_off_m <= tolerance_m + JUMP_M
-        most_m = (step.path.speed_mps if step.path else 0.0) * _LATE_S + beside_m
+        most_m = step.frame_mps * _LATE_S + beside_m
         if done_m <= most_m or near:
             return ""
         return f"its formation is {done_m:.1f} m on its way; allowed: {most_m:.1f} m"

@@ -19,16 +19,22 @@ from dataclasses import replace
 from typing import Final
 
 from swarm_ctl.core.control.frame_bounds import FrameBounds, Places
-from swarm_ctl.core.model.formation_frame import STILL, Frame
+from swarm_ctl.core.kernel.coast import stop_distance
+from swarm_ctl.core.model.formation_frame import STILL, Frame, Motion
 from swarm_ctl.core.model.geometry import Point, centred, mean_of, turned
 from swarm_ctl.core.model.messages import AgentState, Phase
 from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.steps.follow import Stops
 from swarm_ctl.core.model.steps.step import Path, Step
+from swarm_ctl.core.model.targets import TargetNow
 from swarm_ctl.core.model.timeouts import PREDICT_S
+from swarm_ctl.core.safety.fence import inside
 from swarm_ctl.core.swarm.snapshot import FormationKey, PeerSnapshot
 
 _SLOW_SPAN_M: Final = 2.0
 """The frame slows down as the error exceeds the step's tolerance, and stops at this much more."""
+_TURNS: Final = 0.8
+"""Of the vehicles' acceleration: so hard a frame turns and brakes after its target."""
 _CREEP: Final = 0.05
 """The least share of its speed at the end of a leg: a square root profile alone never arrives."""
 
@@ -72,6 +78,8 @@ class Reference:
         self.motion = STILL
         """Of the frame, since `follow`."""
         self.pinned = own_id
+        self.target: TargetNow | None = None
+        """What is known of the target that the step follows."""
         self.hemmed = False
         """A zone that came lies on the formation."""
         self.law_tag = 0
@@ -129,7 +137,7 @@ class Reference:
     def begin(self, leg: int = 0) -> None:
         """Begin another kind of step from where the frame is."""
         if self.frame is not None:
-            self.frame = replace(self.frame, leg=leg, rate=0.0)
+            self.frame = replace(self.frame.stopped(), leg=leg)
         self._bounds.begin(self.frame)
 
     def join(self, frame: Frame | None) -> None:
@@ -161,13 +169,15 @@ class Reference:
             self._lead(peers, step, own_m, error_m)
         elif heard is not None and self._believed(leader, heard, step, peers, own_m):
             age = peers.age_s(leader.agent)
-            frame = heard if age <= PREDICT_S else replace(heard, rate=0.0)
-            self.frame = path.advanced(frame, age, self.radius_m) if path else frame
+            frame = heard if age <= PREDICT_S else heard.stopped()
+            self.frame = path.advanced(frame, age, self.radius_m) if path else frame.flown_on(age)
         elif self.frame is not None:
-            self.frame = replace(self.frame, rate=0.0)
+            self.frame = self.frame.stopped()
         self.motion = STILL
         if path is not None and self.frame is not None and self._slots:
             self.motion = path.motion(self.frame, self.radius_m)
+        elif step.follows is not None and self.frame is not None and self._slots:
+            self.motion = Motion(complex(*self.frame.velocity_mps))
 
     @property
     def feed_forward(self) -> Point:
@@ -246,15 +256,46 @@ class Reference:
     def _lead(self, peers: PeerSnapshot, step: Step, own_m: Point, error_m: float | None) -> None:
         if self.frame is None:
             self.frame = Frame(self._centre(peers, own_m))
-        path = step.path
+        path, response = step.path, self._plan.response
+        if step.follows is not None:
+            stops = self._stops(peers)
+            most = _TURNS * response.acceleration_mps2
+            about = self.target, stops, most, self._plan.tick_s
+            led = step.follows.led(self.frame, *about)
+            if self._leaves_fence(led, most):
+                led = step.follows.led(self.frame, None, *about[1:])
+            self.frame = led
+            return
         if path is None:
             self.frame = replace(self.frame, rate=0.0)
             return
         if (step.file is not None or self.hemmed) and error_m is not None:
             error_m = 0.0  # the shape is not flown: the frame goes ahead
-        dt_s, brake = self._plan.tick_s, 0.5 * self._plan.response.acceleration_mps2
+        dt_s, brake = self._plan.tick_s, 0.5 * response.acceleration_mps2
         rate = rate_towards(self.frame, path, self.radius_m, error_m, brake, dt_s)
         self.frame = path.advanced(replace(self.frame, rate=rate), dt_s, self.radius_m)
+
+    def _stops(self, peers: PeerSnapshot) -> Stops:
+        """How far vehicles are behind their stop points, as they have answered in this flight."""
+        told = [s.response_s for s in peers.fresh() if s.airborne and s.response_s > 0.0]
+        response = self._plan.response
+        dead_s = response.dead_time_s
+        if told:
+            dead_s = max(0.0, sum(told) / len(told) - response.lag_s)
+        return Stops(dead_s, lambda speed: stop_distance(speed, response))
+
+    def _leaves_fence(self, frame: Frame, most_mps2: float) -> bool:
+        """A place would be outside of the fence before the frame could be braked."""
+        fence = self._plan.fence
+        if fence is None or not fence.polygon_m:
+            return False
+        velocity = complex(*frame.velocity_mps)
+        rests = complex(*frame.point_m) + velocity * abs(velocity) / (2.0 * most_mps2)
+        for agent in self._slots:
+            place = rests + complex(*turned(self._slot_m(agent), frame.angle_rad, frame.scale))
+            if not inside(fence.polygon_m, (place.real, place.imag)):
+                return True
+        return False
 
     def _centre(self, peers: PeerSnapshot, own_m: Point) -> Point:
         """The mean of stop point minus slot over this agent and the peers it hears."""

@@ -32,6 +32,8 @@ class Cause(StrEnum):
     """Another agent is silent, or gave up."""
     STATION = "station"
     """No ground station is heard."""
+    TARGET = "target"
+    """The target that a step follows is not heard any more."""
     TIMEOUT = "timeout"
     """A step took too long."""
     MACHINE = "machine"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 from swarm_ctl.core.model.geometry import Point
@@ -20,6 +21,19 @@ class Frame:
     """Waypoints passed."""
     rate: float = 0.0
     """Speed now, as a share of the step's."""
+    velocity_mps: Point = (0.0, 0.0)
+    """Of the centre, where a target leads it: no step tells that."""
+
+    def stopped(self) -> Frame:
+        """The same, standing."""
+        return replace(self, rate=0.0, velocity_mps=(0.0, 0.0))
+
+    def flown_on(self, seconds: float) -> Frame:
+        """So much later, where a target leads it."""
+        if self.velocity_mps == (0.0, 0.0):
+            return self
+        (north, east), (v_north, v_east) = self.point_m, self.velocity_mps
+        return replace(self, point_m=(north + v_north * seconds, east + v_east * seconds))
 
 
 class Motion(NamedTuple):

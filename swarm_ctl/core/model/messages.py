@@ -16,6 +16,7 @@ from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.own_parameters import OwnParameters
 from swarm_ctl.core.model.plan import Point
 from swarm_ctl.core.model.rows import row
+from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.vehicle import Vector3
@@ -80,6 +81,7 @@ class CommandKind(StrEnum):
     NEXT = "next"
     FORM = "form"
     MOVE = "move"
+    FOLLOW = "follow"
     TUNE = "tune"
     """First phase of a gain update: prepare these gains."""
     ZONE = "zone"
@@ -494,6 +496,32 @@ class LawNews:
 
 
 @dataclass(frozen=True, slots=True)
+class TargetWord:
+    """Where a target is, told by whoever hears it: an agent, or `swarm-ctl target`."""
+
+    name: str
+    latitude_deg: float
+    longitude_deg: float
+    age_s: float
+    """How old the position was when this was sent."""
+    altitude_m: float | None = None
+    """Above mean sea level; None: not known."""
+    velocity_ned_mps: Vector3 | None = None
+    """None: not known."""
+    accuracy_m: float = 5.0
+    """Of the position, one standard deviation."""
+    agent: int = 0
+    """Who tells it; 0: no agent."""
+    station: str = ""
+    """What brings it from a receiver; '': an agent tells it."""
+
+    @property
+    def teller(self) -> str:
+        """`agent 3`."""
+        return self.station or f"agent {self.agent}"
+
+
+@dataclass(frozen=True, slots=True)
 class Event:
     """Something worth a line in the log."""
 
@@ -514,8 +542,9 @@ class Command:
     agents: tuple[int, ...]
     """The agents that are meant; empty: all."""
     time_s: float
-    step: FormStep | MoveStep | None = None
-    """What `form` and `move` want, made by the sender, so that no two agents can differ."""
+    step: FormStep | MoveStep | FollowStep | None = None
+    """What `form`, `move` and `follow` want, made by the sender, so that all agents have the
+    same."""
     plan_hash: int = 0
     """The plan that `step` was made for; 0: any."""
     at_step: int = 0
@@ -563,6 +592,7 @@ Payload: TypeAlias = (
     | AgentStatus
     | ClockNews
     | LawNews
+    | TargetWord
     | SigmaReport
     | Event
     | Command

@@ -31,6 +31,7 @@ from swarm_ctl.core.model.policies import DERIVED
 from swarm_ctl.core.model.policies import Policies as Policies
 from swarm_ctl.core.model.policies import Policy as Policy
 from swarm_ctl.core.model.steps.table import AnyStep
+from swarm_ctl.core.model.targets import TargetPlan
 from swarm_ctl.core.model.timeouts import FRESH_S
 from swarm_ctl.core.model.zones import Zone as Zone
 
@@ -41,9 +42,9 @@ HEIGHT_DOUBT_M: Final = 0.5
 and a baro drifts with the weather."""
 MOST_UP_M: Final = 120.0
 """From the flight height to a slot, up or down."""
-_NEWER: Final = frozenset({"wake", "ups_m"})
+_NEWER: Final = frozenset({"wake", "ups_m", "targets"})
 """Fields that count in a plan's hash only where they say something: a plan that says nothing of
-heights is the one that it was before there were any."""
+heights and targets is the one that it was before there were any."""
 _SLOW_LAG_S = 0.7
 _CALM_RATE = 2.0
 
@@ -282,6 +283,8 @@ class Plan:
     zones: tuple[Zone, ...]
     wake: Wake | None = None
     """None: all slots are at the flight height, and all vehicles count as in one plane."""
+    targets: tuple[TargetPlan, ...] = ()
+    """That may be followed, by name."""
 
     @property
     def layer_m(self) -> float:

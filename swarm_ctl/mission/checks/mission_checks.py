@@ -37,6 +37,7 @@ from swarm_ctl.mission.input.units import enough, metres, said
 from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.sections.shape_sections import OffsetsShape, RingShape, Shape, StarShape
 from swarm_ctl.mission.sections.simulation_section import overlaps
+from swarm_ctl.mission.steps.follow import target_findings
 from swarm_ctl.mission.steps.form import FormSection
 from swarm_ctl.mission.steps.move import MAX_DISTANCE_M
 from swarm_ctl.mission.steps.table import KINDS, LAST
@@ -349,6 +350,7 @@ _CHECKS: tuple[tuple[str, Callable[[MissionFile], Findings]], ...] = (
     ("fence lengths unit_m", _polygon),
     ("fence agents lengths unit_m", _starts_fenced),
     ("zones lengths unit_m", zone_checks.each_alone),
+    ("targets agents", target_findings),
     ("agents fleet", _fleet_has_all),
     ("agents fleet", _links_of_fleet),
     ("agents simulation", _faults),

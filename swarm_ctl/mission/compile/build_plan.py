@@ -10,6 +10,7 @@ from swarm_ctl.core.model import plan
 from swarm_ctl.core.model.plan import Compensation, Plan, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.table import AnyStep
+from swarm_ctl.core.model.targets import TargetPlan
 from swarm_ctl.law_loader import pinned
 from swarm_ctl.mission.geometry.shapes import slot_count, slots_of, ups_of
 from swarm_ctl.mission.mission_file import MissionFile
@@ -60,6 +61,22 @@ def plan_of(mission: MissionFile) -> Plan:
         safety=safety,
         zones=zones_of(mission),
         wake=mission.wake.by_rotors() if _has_heights(mission, steps) else None,
+        targets=_targets(mission, limits.speed_mps),
+    )
+
+
+def _targets(mission: MissionFile, speed_mps: float) -> tuple[TargetPlan, ...]:
+    unit = mission.unit_m
+    return tuple(
+        TargetPlan(
+            name,
+            way_m=tuple((north * unit, east * unit) for north, east in written.along or ()),
+            speed_mps=(written.speed_mps or speed_mps / 2) if written.along else 0.0,
+            adsb=int(written.adsb or "0", 16),
+            agent=written.agent or 0,
+            height_m=written.height_m,
+        )
+        for name, written in sorted(mission.targets.items())
     )
 
 

@@ -10,6 +10,7 @@ from swarm_ctl.core.model.plan import PlannedStep
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.mission.input.document import Place
 from swarm_ctl.mission.sections.section import Section
+from swarm_ctl.mission.steps.follow import Follow
 from swarm_ctl.mission.steps.form import Form
 from swarm_ctl.mission.steps.hold import Hold
 from swarm_ctl.mission.steps.land import Land
@@ -25,6 +26,7 @@ KINDS: Final[dict[str, AnyKind]] = {
     "form": Form(),
     "hold": Hold(),
     "move": Move(),
+    "follow": Follow(),
     "rotate": Rotate(),
     "scale": Scale(),
     "return": Return(),

@@ -275,6 +275,11 @@ def _loop(
             far=[(state, own(at)) for state, at in node.take(keys.FAR, likely)],
             clocks=[(news, own(at)) for news, at in node.take(keys.CLOCK, likely)],
             laws=[news for news, _ in node.take(keys.LAW)],
+            targets=[
+                (word, own(at))
+                for channel in (keys.TARGET, keys.SIGHTING)
+                for word, at in node.take(channel)
+            ],
             beacons=[(beacon, own(at)) for beacon, at in node.take(keys.BEACON)],
             commands=[command for command, _ in node.take(keys.COMMAND)],
             told_to_end=lifeline.cut(),

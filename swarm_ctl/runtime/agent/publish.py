@@ -21,6 +21,8 @@ def listen(node: Node, plan: Plan) -> None:
     states = keys.STATE if hears_all(plan) else keys.FAR
     agents = [agent.id for agent in plan.agents]
     node.listen(states, keys.CLOCK, keys.BEACON, keys.COMMAND, keys.LAW, agents=agents)
+    if plan.targets:
+        node.listen(keys.TARGET, keys.SIGHTING, agents=agents)
 
 
 def publish(node: Node, actions: Actions, shown: Rim | None = None) -> None:
@@ -31,6 +33,7 @@ def publish(node: Node, actions: Actions, shown: Rim | None = None) -> None:
         (keys.FAR, (actions.far,)),
         (keys.CLOCK, (actions.clock,)),
         (keys.LAW, (actions.law,)),
+        (keys.TARGET, actions.targets),
         (keys.ACK, actions.acks),
         (keys.EVENT, actions.events),
         (keys.SIGMA, (actions.sigma,)),

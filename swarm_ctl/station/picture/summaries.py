@@ -114,6 +114,8 @@ def command_words(command: Command) -> str:
     step = command.step
     if step is not None and step.new_shape is not None:
         return f"{words} {printable(step.new_shape.shape)}"
+    if step is not None and step.follows is not None:
+        return printable(step.title)
     if step is not None and step.way_m:
         return f"{words} to {', '.join(f'{x:.4g}' for x in step.way_m[-1])} m"
     if command.tuning is None:

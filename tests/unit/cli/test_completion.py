@@ -39,7 +39,7 @@ def completed(
 @pytest.mark.parametrize(
     ("line", "wanted"),
     [
-        ("send ", ["hold", "resume", "next", "form", "move", "tune", "zone", "readmit"]),
+        ("send ", ["hold", "resume", "next", "form", "move", "follow", "tune", "zone", "readmit"]),
         ("send l", []),
         ("send ki", []),
         ("send ret", []),

@@ -51,7 +51,7 @@ def test_orders(line: str, marked: tuple[int, ...], order: Order) -> None:
 @pytest.mark.parametrize(
     ("line", "why"),
     [
-        ("", "no command ''; allowed: hold, resume, next, form, move, tune, zone, land"),
+        ("", "no command ''; allowed: hold, resume, next, form, move, follow, tune, zone, land"),
         ("fly", "no command 'fly'; allowed"),
         ("land now", "@now names no agents; allowed: @all, @1,3-5"),
         ("land @1 now", "land takes nothing but agents, not 'now'; e.g. land @1,3-5"),

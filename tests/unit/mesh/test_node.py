@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.messages import (
     AgentState,
     AgentStatus,
@@ -150,8 +151,9 @@ def test_a_subscription_keeps_a_round_of_messages_of_the_largest_swarm() -> None
 
 def test_bounds_fit_what_is_sent() -> None:
     """The fixed layouts are as large as the table says; of JSON there is room for 250 agents."""
-    high = replace(STATE, goal_height_m=20.0)
-    assert len(encode(high)) == keys.STATE.bounds.size == keys.FAR.bounds.size
+    led = Frame((0.0, 0.0), velocity_mps=(1.0, 0.0))
+    longest = replace(STATE, goal_height_m=20.0, frame=led)
+    assert len(encode(longest)) == keys.STATE.bounds.size == keys.FAR.bounds.size
     for channel in CHANNELS:
         assert len(encode(PAYLOADS[channel.payload])) <= channel.bounds.size
 

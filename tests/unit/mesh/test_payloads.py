@@ -33,6 +33,7 @@ from swarm_ctl.core.model.messages import (
     StationBeacon,
     StepOutcome,
     StepResult,
+    TargetWord,
     Tuning,
 )
 from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, VehicleIdentity
@@ -68,6 +69,7 @@ STATES = st.builds(
         scale=FLOAT32,
         leg=st.integers(0, 255),
         rate=st.floats(0, 1, width=32),
+        velocity_mps=st.tuples(FLOAT32, FLOAT32),
     ),
     stage=st.integers(0, 3),
     override=st.integers(0, 2**32 - 1),
@@ -92,6 +94,8 @@ OTHERS: list[Any] = [
     ),
     Command("t-apply", "apply", (1, 2), 2.5, commits=2**32 - 1),
     LawNews(1, 2**32 - 1, 12.5, Gains(0.1, 2.0, 0.04, 15.0)),
+    TargetWord("boat", -35.36, 149.16, 0.3, altitude_m=584.0, agent=1),
+    TargetWord("boat", -35.36, 149.16, 0.0, velocity_ned_mps=(1.0, 2.0, 0.0), station="boat.1"),
     LawNews(1, 7, 0.0, Gains(0.1, 2.0, 0.04, 15.0), (Zone("z", ((1.0, 2.0),), 3.0, 1.25),)),
     Ack(1, "abc", False, "no"),
     ClockNews(1, 2.5, Answers.REGULAR, ()),

@@ -12,6 +12,7 @@ from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.policies import Policy
 
 if TYPE_CHECKING:
+    from swarm_ctl.core.model.steps.follow import FollowStep
     from swarm_ctl.core.model.steps.form import FormStep
     from swarm_ctl.core.model.steps.move import MoveStep
 
@@ -80,6 +81,16 @@ class Step(ABC):
         return None
 
     @property
+    def follows(self) -> FollowStep | None:
+        """The step itself, where a target leads the formation."""
+        return None
+
+    @property
+    def frame_mps(self) -> float:
+        """The most that the formation's frame moves in it."""
+        return 0.0
+
+    @property
     def way_m(self) -> tuple[Point, ...]:
         """The centre's waypoints; (): the centre stays."""
         return ()
@@ -132,6 +143,10 @@ class Path(Step):
     @property
     def path(self) -> Path | None:
         return self
+
+    @property
+    def frame_mps(self) -> float:
+        return self.speed_mps
 
     @property
     def settling(self) -> Settling | None:

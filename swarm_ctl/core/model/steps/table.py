@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TypeAlias
 
+from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.hold import HoldStep
 from swarm_ctl.core.model.steps.land import LandStep
@@ -14,6 +15,14 @@ from swarm_ctl.core.model.steps.scale import ScaleStep
 from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 
 AnyStep: TypeAlias = (
-    TakeoffStep | FormStep | HoldStep | MoveStep | RotateStep | ScaleStep | ReturnStep | LandStep
+    TakeoffStep
+    | FormStep
+    | HoldStep
+    | MoveStep
+    | FollowStep
+    | RotateStep
+    | ScaleStep
+    | ReturnStep
+    | LandStep
 )
 """What a plan's JSON may have."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any, Final
 
@@ -18,9 +19,11 @@ from swarm_ctl.core.agent.command_handler import (
 )
 from swarm_ctl.core.model.messages import Ack, Command, CommandKind, Phase
 from swarm_ctl.core.model.plan import Fence, Plan, Point
+from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.hold import HoldStep
 from swarm_ctl.core.model.steps.move import MoveStep
+from swarm_ctl.core.model.targets import TargetPlan
 from swarm_ctl.core.swarm.gain_update import ASKS
 from tests.unit.core.builders import (
     FORM,
@@ -38,14 +41,20 @@ from tests.unit.core.builders import (
     snapshot,
 )
 
-PLAN = plan(fence=Fence(((-50.0, -50.0), (50.0, -50.0), (50.0, 50.0), (-50.0, 50.0)), 30.0))
+PLAN = plan(
+    fence=Fence(((-50.0, -50.0), (50.0, -50.0), (50.0, 50.0), (-50.0, 50.0)), 30.0),
+    targets=(TargetPlan("boat"),),
+)
+FOLLOWING: Final = FollowStep(
+    "boat", (0.0, 5.0), in_course=False, speed_mps=2.0, duration_s=9.0, timeout_s=9.0
+)
 HASH = PLAN.hash()
 HELD: Final = Override(CommandKind.HOLD, HoldStep(1e9, 1e9), 7, 0)
 
 
 def command(kind: str, name: str = "c1", **changes: Any) -> Command:
     """To all agents, with a number of its own; with what `form`, `move` and `expel` need."""
-    steps = {CommandKind.FORM: FORMING, CommandKind.MOVE: MOVING}
+    steps = {CommandKind.FORM: FORMING, CommandKind.MOVE: MOVING, CommandKind.FOLLOW: FOLLOWING}
     sent = Command(
         name, kind, (), NOW, step=steps.get(CommandKind(kind)) if kind in KINDS else None
     )
@@ -84,6 +93,7 @@ resume  no      no      no  no      no  no   ok   no   no     no    no
 next    no      no      no  no      ok  no   ok   no   no     no    no
 form    no      no      no  no      ok  no   ok   no   no     no    no
 move    no      no      no  no      ok  no   ok   no   no     no    no
+follow  no      no      no  no      ok  no   ok   no   no     no    no
 land    ok      ok      ok  ok      ok  ok   ok   ok   ok     no    no
 return  no      no      ok  ok      ok  ok   ok   no   ok     no    no
 kill    ok      ok      ok  ok      ok  ok   ok   ok   ok     ok    no
@@ -120,6 +130,20 @@ def test_resume_takes_a_vehicle_again_that_is_given_back() -> None:
     assert answer(command("resume"), given_back).accepted
     others = set(KINDS) - {CommandKind.RESUME, CommandKind.KILL, *ASKS, *ABOUT}
     assert not any(answer(command(kind), given_back).accepted for kind in others)
+
+
+def test_a_target_that_the_mission_has_not_is_refused_with_its_name() -> None:
+    """So are an offset that is no number, a speed beyond the limits, and some agents alone."""
+    for changes, why in (
+        ({"step": replace(FOLLOWING, target="ship")}, "no target 'ship'"),
+        ({"step": replace(FOLLOWING, offset_m=(math.nan, 0.0))}, "offset_m is nan"),
+        ({"step": replace(FOLLOWING, speed_mps=99.0)}, "99 m/s; allowed: above 0"),
+        ({"step": MOVING}, "has no target"),
+        ({"agents": (OWN,)}, "as a whole"),
+    ):
+        ack = answer(command("follow", **changes), situation())
+        assert not ack.accepted
+        assert why in ack.reason
 
 
 def test_the_table_has_every_command_and_phase() -> None:

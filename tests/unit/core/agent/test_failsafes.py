@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Final
 
 import pytest
 from hypothesis import given
@@ -22,6 +22,7 @@ from swarm_ctl.core.agent.failsafes import (
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import CommandKind, Outcome, Phase, ReturnStage, StepOutcome
 from swarm_ctl.core.model.plan import Fence, Plan, Policies, Policy
+from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.steps.return_ import ReturnStep
 from swarm_ctl.core.model.vehicle import GlobalFix
 from tests.unit.core.builders import (
@@ -107,6 +108,28 @@ def case(*peers: Any, **changes: Any) -> Callable[[], Situation]:
 def moving(*velocity: float, **changes: Any) -> Callable[[], Situation]:
     north, east, down = velocity
     return case(seen={"fix": fix(velocity=(north, east, down))}, **changes)
+
+
+LOST: Final = "target boat has not been heard for 10 s"
+
+
+def following(on_lost: Policy, lost: str) -> Situation:
+    """In a step that follows a target."""
+    step = FollowStep(
+        "boat",
+        (0.0, 0.0),
+        in_course=False,
+        speed_mps=2.0,
+        duration_s=60.0,
+        timeout_s=90.0,
+        on_lost=on_lost,
+    )
+    of = plan()
+    (group,) = of.groups
+    steps = (*group.steps[: HOLD - 1], step, *group.steps[HOLD:])
+    return situation(
+        of=replace(of, groups=(replace(group, steps=steps),)), target_lost=lambda: lost
+    )
 
 
 def falling(local_mps: float, global_mps: float, age_s: float = 0.1, **changes: Any) -> Any:
@@ -238,6 +261,11 @@ ROWS = [
         RETURNS,
         "outside the geofence",
     ),
+    # the target that a step follows
+    Row("lost target, land", lambda: following(Policy.LAND, LOST), LANDS, LOST),
+    Row("lost target, stand", lambda: following(Policy.HOLD, LOST)),
+    Row("lost target, go on", lambda: following(Policy.CONTINUE, LOST)),
+    Row("a target that is heard", lambda: following(Policy.LAND, "")),
     # the battery
     Row("below the reserve", seen(battery_percent=19.0), LANDS, "battery at 19 %, the reserve"),
     Row("just the reserve", seen(battery_percent=20.0)),

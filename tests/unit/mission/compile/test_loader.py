@@ -208,6 +208,7 @@ CHANGES = {
     "fleet:": "neighbours: [[1, 2], [1, 3]]\nfleet:",
     "fleet:\n": "fence: {height_m: 100}\nfleet:\n",
     "  trust: keys\n": "  trust: keys\nzones: {x: {circle: [30, 30], radius: 1}}\n",
+    "fleet:\n  ": "targets: {boat: {adsb: a1b2c3}}\nfleet:\n  ",
     "fleet:\n ": "fence: {polygon: [[-10, -10], [-10, 10], [10, 0]]}\nfleet:\n ",
     "policies:\n  agent_lost": "policies:\n  fence: hold\n  agent_lost",
     "policies:\n  agent_lost:": "policies:\n  battery_low: return\n  agent_lost:",

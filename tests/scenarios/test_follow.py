@@ -1,0 +1,243 @@
+"""A formation follows a target: by late and lost words on the mesh, by lies, and by none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from swarm_ctl.commands.build import AgentNow, SwarmNow, build
+from swarm_ctl.commands.parse import parse
+from swarm_ctl.core.model.frames import geodetic_from_ned
+from swarm_ctl.core.model.messages import Outcome, TargetWord
+from swarm_ctl.mesh import keys
+from swarm_ctl.mesh.memory_transport import MemoryTransport
+from swarm_ctl.mesh.node import Node
+from swarm_ctl.mission.compile.loader import load, loads
+from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
+from tests.on_demand import on_demand
+from tests.scenarios.swarm import landing_fast
+
+MISSION = """\
+version: 1
+name: boat
+origin: {lat_deg: -35.363262, lon_deg: 149.165237, alt_m: 584}
+lengths: metres
+law: {r: 30, r_out: 7.5, r_in: 2.5}
+vehicle: {limits: {speed_mps: 5}}
+agents:
+  - {id: 1, start: [0, 0]}
+  - {id: 2, start: [0, 10]}
+  - {id: 3, start: [10, 0]}
+  - {id: 4, start: [10, 10]}
+targets: {boat: {height_m: 0}}
+shapes: {block: {kind: grid, spacing: 10, columns: 2}}
+steps:
+  - takeoff: {height_m: 8}
+  - form: {shape: block}
+  - follow: {target: boat, offset: [-5, 0], duration_s: 45, ON_LOST}
+  - land
+fence: {polygon: [[-60, -60], [140, -60], [140, 200], [-60, 200]], height_m: 40}
+"""
+STEP = 3
+EVERY_S = 0.2
+
+
+class Boat:
+    """A receiver on a boat, and the swarm that hears it. `at`: where it is so long after the step
+    began, and its velocity [m, m/s]."""
+
+    def __init__(
+        self, at: Callable[[float], tuple[complex, complex]], on_lost: str = "on_lost: hold"
+    ) -> None:
+        self.mission = loads(MISSION.replace("ON_LOST", on_lost))
+        self.swarm = landing_fast(VirtualSwarm(self.mission))
+        self._node = Node(MemoryTransport(self.swarm.mesh), "test", "boat.1")
+        self._at, self._dice = at, np.random.default_rng(1)
+        self.began_s = math.inf
+        self.off_m: list[float] = []
+        """How far each vehicle is from its place at the boat, tick by tick."""
+
+    def word(self, seconds: float, **changes: object) -> TargetWord:
+        at, velocity = self._at(seconds)
+        place = geodetic_from_ned((at.real, at.imag, 0.0), self.mission.plan.origin)
+        told = TargetWord(
+            "boat",
+            place.lat_deg,
+            place.lon_deg,
+            0.0,
+            altitude_m=place.alt_m,
+            velocity_ned_mps=(velocity.real, velocity.imag, 0.0),
+            accuracy_m=0.5,
+            station="boat.1",
+        )
+        return replace(told, **changes)
+
+    def say(self, word: TargetWord) -> None:
+        self._node.send(keys.SIGHTING, word)
+
+    def fly(
+        self,
+        until_s: float,
+        *,
+        late_s: float = 0.0,
+        lost: float = 0.0,
+        silent_from_s: float = math.inf,
+        silent_to_s: float = math.inf,
+        after_s: float = 15.0,
+    ) -> None:
+        """Until so long after the step began, or to the flight's end."""
+        due, mail = 0.0, list[tuple[float, float, TargetWord]]()
+        group = self.swarm.members[1].agent._group
+        while not all(member.ended for member in self.swarm.members.values()):
+            self.swarm.tick()
+            now = self.swarm.now
+            if group.progress.step == STEP and math.isinf(self.began_s):
+                self.began_s = due = now
+            seconds = now - self.began_s
+            if seconds > until_s:
+                return
+            if now >= due - 1e-6 and not math.isinf(self.began_s):
+                due += EVERY_S
+                silent = silent_from_s <= seconds < silent_to_s
+                if not silent and self._dice.random() >= lost:
+                    mail.append((now + late_s, now, self.word(seconds)))
+            for each in [each for each in mail if each[0] <= now + 1e-6]:
+                mail.remove(each)
+                self.say(replace(each[2], age_s=now - each[1]))
+            if seconds > after_s and group.progress.step == STEP:
+                self._measure(seconds)
+
+    def _measure(self, seconds: float) -> None:
+        at, _ = self._at(seconds)
+        slots, unit = self.swarm.members[1].agent._group.reference.slots, self.mission.plan.unit_m
+        for agent, place in self.swarm.positions().items():
+            wanted = at - 5.0 + complex(*slots[agent]) * unit
+            self.off_m.append(abs(complex(place[0], place[1]) - wanted))
+
+    @property
+    def rms_m(self) -> float:
+        return math.sqrt(sum(off * off for off in self.off_m) / len(self.off_m))
+
+    def said(self, words: str) -> bool:
+        return any(words in event.text for event in self.swarm.events)
+
+    def outcomes(self) -> set[Outcome]:
+        return set(self.swarm.outcomes().values())
+
+
+def straight(seconds: float) -> tuple[complex, complex]:
+    """To the east at 3 m/s, from where the formation is."""
+    return 10 + 5j + 3j * seconds, 3j
+
+
+def circle(seconds: float) -> tuple[complex, complex]:
+    """In a circle of 30 m at 3 m/s."""
+    turn = complex(math.cos(0.1 * seconds), math.sin(0.1 * seconds))
+    return 10 + 5j + 30 * (turn - 1) * -1j, 3 * turn
+
+
+@pytest.mark.parametrize(("at", "most_m"), [(straight, 0.6), (circle, 1.0)])
+@pytest.mark.parametrize(("late_s", "lost"), [(0.0, 0.0), (0.3, 0.2)])
+def test_the_formation_is_where_its_target_is(
+    at: Callable[[float], tuple[complex, complex]], most_m: float, late_s: float, lost: float
+) -> None:
+    """Also where the news is late, and some of it lost."""
+    boat = Boat(at)
+    boat.fly(math.inf, late_s=late_s, lost=lost)
+    assert boat.rms_m < most_m
+    assert boat.outcomes() == {Outcome.COMPLETED}
+    assert boat.swarm.closest_m > 2.5
+
+
+def test_a_target_that_falls_silent_is_waited_for_and_found_again_without_a_jump() -> None:
+    """The formation brakes after a second, stands, says so, and closes up at its speed."""
+    boat = Boat(straight)
+    boat.fly(26.0, silent_from_s=15.0, silent_to_s=28.0)
+    frames = [member.agent._group.reference.frame for member in boat.swarm.members.values()]
+    assert all(frame is not None and math.hypot(*frame.velocity_mps) < 0.01 for frame in frames)
+    assert boat.said("target boat is not heard: the formation stands")
+    boat.fly(math.inf)
+    assert boat.said("target boat is heard: the formation closes up")
+    assert boat.outcomes() == {Outcome.COMPLETED}
+    fastest = max(
+        math.hypot(*member.agent._controller.setpoint_mps) for member in boat.swarm.members.values()
+    )
+    assert fastest <= 5.0 + 1e-6
+
+
+@pytest.mark.parametrize(
+    ("on_lost", "outcome"), [("land", Outcome.FAILED), ("continue", Outcome.COMPLETED)]
+)
+def test_what_is_done_when_a_target_stays_away(on_lost: str, outcome: Outcome) -> None:
+    boat = Boat(straight, f"lost_after_s: 5, on_lost: {on_lost}")
+    boat.fly(math.inf, silent_from_s=10.0)
+    assert boat.outcomes() == {outcome}
+    assert boat.swarm.now < boat.began_s + 45.0
+    if outcome is Outcome.FAILED:
+        reasons = {member.ended.reason for member in boat.swarm.members.values() if member.ended}
+        assert "target boat has not been heard for 5 s" in " ".join(reasons)
+
+
+def test_a_liar_beside_the_boat_leads_nobody_away() -> None:
+    """A second sender, 60 m to the north; both are named."""
+    boat = Boat(straight)
+    liar, tick = Node(MemoryTransport(boat.swarm.mesh), "test", "liar.1"), boat.swarm.tick
+
+    def and_lie() -> None:
+        tick()
+        if not math.isinf(boat.began_s):
+            told = boat.word(boat.swarm.now - boat.began_s, station="liar.1")
+            liar.send(keys.SIGHTING, replace(told, latitude_deg=told.latitude_deg + 60 / 111_000))
+
+    boat.swarm.tick = and_lie  # type: ignore[method-assign]
+    boat.fly(math.inf)
+    assert boat.rms_m < 0.8
+    assert boat.said("is told by two, boat.1 and liar.1")
+
+
+def test_a_target_that_leaves_the_fence_is_followed_to_the_fence() -> None:
+    """No place of the formation leaves it, and no vehicle."""
+
+    def away(seconds: float) -> tuple[complex, complex]:
+        return 10 + 5j - 4j * seconds, -4j
+
+    boat = Boat(away)
+    boat.fly(40.0)
+    easts = [place[1] for place in boat.swarm.positions().values()]
+    assert -60.0 < min(easts) < -45.0
+
+
+def test_an_order_follows_a_target_until_another_order() -> None:
+    """In place of the mission's step, which goes on where it was."""
+    boat = Boat(straight)
+    boat.fly(5.0)
+    swarm = boat.swarm
+    agents = tuple(
+        AgentNow(i, member.agent._controller.stop_point_m) for i, member in swarm.members.items()
+    )
+    order = parse("follow boat 0 20 course", swarm.plan)
+    step = build(order, SwarmNow(swarm.plan, swarm.now, STEP, agents)).step
+    swarm.command("follow", step=step)
+    boat.fly(30.0)
+    at, _ = straight(swarm.now - boat.began_s)
+    wanted = at - 20.0  # its course is east, so that its right is south
+    mean = np.mean([complex(*place[:2]) for place in swarm.positions().values()])
+    assert abs(mean - wanted) < 2.0
+    swarm.command("resume", name="c2")
+    boat.fly(math.inf)
+    assert boat.outcomes() == {Outcome.COMPLETED}
+
+
+@pytest.mark.parametrize("seed", [1, *(on_demand(seed) for seed in range(2, 21))])
+def test_the_ready_mission_around_a_boat(seed: int) -> None:
+    """Twelve, all steps; the boat is played."""
+    mission = load(Path(__file__).parents[2] / "missions" / "follow.yaml")
+    swarm = landing_fast(VirtualSwarm(mission, seed=seed))
+    swarm.wait(lambda s: all(member.ended for member in s.members.values()))
+    assert set(swarm.outcomes().values()) == {Outcome.COMPLETED}
+    assert swarm.closest_m > 5.0

@@ -1,0 +1,151 @@
+"""What is known of a target: carried on, smoothed, and not thrown by words that can't be true."""
+
+from __future__ import annotations
+
+import cmath
+import math
+import random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarm_ctl.core.control.target import Sighting, Tracker
+from swarm_ctl.core.model.targets import TargetPlan
+
+EVERY_S = 0.2
+
+
+def word(t: float, at: complex, velocity: complex | None = None, teller: str = "boat") -> Sighting:
+    return Sighting(true_s=t, at=at, velocity=velocity, accuracy_m=0.5, height_m=0.0, teller=teller)
+
+
+def circling(t: float, speed: float, turns: float) -> tuple[complex, complex]:
+    """From the origin, to the north at first."""
+    velocity = speed * cmath.exp(1j * turns * t)
+    if abs(turns) < 1e-6:
+        return speed * t + 0j, velocity
+    return speed * (cmath.exp(1j * turns * t) - 1) / (1j * turns), velocity
+
+
+def tracked(speed: float, turns: float, count: int = 12, noise: float = 0.0) -> Tracker:
+    dice, tracker = random.Random(1), Tracker("boat")
+    for k in range(count):
+        at, velocity = circling(k * EVERY_S, speed, turns)
+        at += complex(dice.gauss(0, 0.3), dice.gauss(0, 0.3)) * noise
+        velocity += complex(dice.gauss(0, 0.2), dice.gauss(0, 0.2)) * noise
+        tracker.hear(word(k * EVERY_S, at, velocity))
+    return tracker
+
+
+@given(st.floats(0, 15), st.floats(-0.3, 0.3), st.floats(0, 0.9))
+def test_a_target_on_a_circle_is_where_it_is(speed: float, turns: float, later_s: float) -> None:
+    """With perfect words, and a turn that shows, to decimetres; carried on by up to a second."""
+    tracker = tracked(speed, turns)
+    now = 11 * EVERY_S + later_s
+    known = tracker.now(now)
+    assert known is not None
+    at, velocity = circling(now, speed, turns)
+    slack = 0.05 + (2.0 * 0.04 * speed if abs(turns) <= 0.041 or speed < 1.0 else 0.0)
+    assert abs(known.at - at) < slack + 0.02 * speed
+    assert abs(known.velocity - velocity) < slack + 0.05 * speed
+
+
+def test_words_without_velocity_tell_it_by_their_places() -> None:
+    tracker = Tracker("boat")
+    for k in range(6):
+        tracker.hear(word(k * EVERY_S, 3.0 * k * EVERY_S * 1j))
+    known = tracker.now(1.0)
+    assert known is not None
+    assert known.velocity == pytest.approx(3j)
+    assert known.course == pytest.approx(1j)
+
+
+def test_one_that_stands_keeps_its_course() -> None:
+    tracker = tracked(4.0, 0.0)
+    for k in range(12, 24):
+        tracker.hear(word(k * EVERY_S, 9.0 + 0j, 0.05j * (-1) ** k))
+    known = tracker.now(24 * EVERY_S)
+    assert known is not None
+    assert abs(known.velocity) < 0.5
+    assert known.course.real == pytest.approx(1.0, abs=0.01)
+
+
+def test_news_is_carried_on_for_a_second_and_no_longer() -> None:
+    tracker = tracked(5.0, 0.0)
+    last_s = 11 * EVERY_S
+    half, one, ten = (tracker.now(last_s + s) for s in (0.5, 1.0, 10.0))
+    assert half is not None
+    assert one is not None
+    assert ten is not None
+    assert one.at.real - half.at.real == pytest.approx(2.5, abs=0.01)
+    assert ten.at == one.at
+    assert ten.age_s == pytest.approx(10.0)
+
+
+def test_old_words_are_dropped() -> None:
+    tracker = tracked(5.0, 0.0)
+    assert not tracker.hear(word(1.0, 3.0 + 0j, 5.0 + 0j))
+
+
+def test_a_jump_is_not_believed_and_is_named() -> None:
+    tracker = tracked(5.0, 0.0)
+    before = tracker.now(2.4)
+    assert not tracker.hear(word(2.4, 80.0 + 0j, 5.0 + 0j))
+    assert tracker.now(2.4) == before
+    assert any("jumped by 68 m" in said for said in tracker.take_said())
+
+
+def test_a_second_sender_leads_nobody_away_while_the_first_goes_on() -> None:
+    tracker = tracked(5.0, 0.0)
+    for k in range(12, 112):
+        at, velocity = circling(k * EVERY_S, 5.0, 0.0)
+        assert tracker.hear(word(k * EVERY_S, at, velocity))
+        assert not tracker.hear(word(k * EVERY_S + 0.05, at + 60j, velocity, "liar"))
+    assert any("told by two, boat and liar, 60 m apart" in said for said in tracker.take_said())
+
+
+def test_a_place_that_is_told_on_and_on_is_believed_in_the_end() -> None:
+    """Its receiver was off before, or is carried elsewhere: nobody says otherwise."""
+    tracker = tracked(5.0, 0.0)
+    heard = [tracker.hear(word(2.4 + k * EVERY_S, 80j, 0j)) for k in range(20)]
+    first = heard.index(True)
+    assert first * EVERY_S == pytest.approx(2.0, abs=0.41)
+    known = tracker.now(6.0)
+    assert known is not None
+    assert abs(known.at - 80j) < 0.5
+
+
+def test_after_a_long_silence_it_is_found_where_it_may_have_gone() -> None:
+    tracker = tracked(5.0, 0.0)
+    assert tracker.hear(word(12.2, 11.0 + 40j, 5j))
+
+
+def test_absurd_speeds_are_refused() -> None:
+    tracker = Tracker("boat")
+    assert not tracker.hear(word(0.0, 0j, 300.0 + 0j))
+    assert not tracker.hear(word(0.0, 0j)._replace(accuracy_m=1e9))
+    assert tracker.now(0.0) is None
+
+
+def test_noise_is_smoothed() -> None:
+    """Half the noise of a word is left in the place, by six of them."""
+    errors = []
+    for turns in (0.0, 0.1, 0.2):
+        tracker, dice = Tracker("boat"), random.Random(3)
+        for k in range(300):
+            at, velocity = circling(k * EVERY_S, 8.0, turns)
+            at += complex(dice.gauss(0, 0.3), dice.gauss(0, 0.3))
+            velocity += complex(dice.gauss(0, 0.2), dice.gauss(0, 0.2))
+            tracker.hear(word(k * EVERY_S, at, velocity))
+            known = tracker.now(k * EVERY_S + 0.3)
+            if k > 6 and known is not None:
+                errors.append(abs(known.at - circling(k * EVERY_S + 0.3, 8.0, turns)[0]) ** 2)
+    assert math.sqrt(sum(errors) / len(errors)) < 0.5
+
+
+def test_a_played_target_goes_its_way_and_stands_at_the_end() -> None:
+    target = TargetPlan("boat", way_m=((0.0, 0.0), (10.0, 0.0), (10.0, 5.0)), speed_mps=2.0)
+    assert target.played(0.0) == ((0.0, 0.0), (2.0, 0.0))
+    assert target.played(6.0) == ((10.0, 2.0), (0.0, 2.0))
+    assert target.played(60.0) == ((10.0, 5.0), (0.0, 0.0))
