@@ -44,6 +44,9 @@ P = TypeVar("P")
 _LONGEST_WORD: Final = 100
 """Of a command: agents give its id back, and keep it."""
 
+_FAR: Final = 1e6
+"""Of a target: metres, metres a second, seconds."""
+
 _STATE: Final = struct.Struct("<BBHIdQHB3d3f2d2f2d3f2fBBIII8h")
 """version, flags, agent, seq, time_s, plan_hash, step, phase, position_ned_m, velocity_ned_mps,
 stop_point_m, setpoint_mps, frame (point_m, angle_rad, scale, rate), response_s, doubt_s, frame.leg,
@@ -109,6 +112,17 @@ def _decode_command(data: bytes) -> Command:
     if max(len(command.id), len(command.kind)) > _LONGEST_WORD:
         raise ValueError(f"id or kind of more than {_LONGEST_WORD} characters")
     return command
+
+
+def _decode_target(data: bytes) -> TargetWord:
+    word: TargetWord = _ADAPTERS[TargetWord].validate_json(data[1:])
+    rest = (word.altitude_m or 0.0, word.accuracy_m, *(word.velocity_ned_mps or ()))
+    on_earth = abs(word.latitude_deg) <= 89.0 and abs(word.longitude_deg) <= 180.0
+    if not on_earth or not all(abs(number) <= _FAR for number in rest):
+        raise ValueError(f"is nowhere on earth, or of no size; allowed: up to {_FAR:g}")
+    if not 0.0 <= word.age_s <= _FAR:
+        raise ValueError(f"is {word.age_s:g} s old; allowed: 0 to {_FAR:g}")
+    return word
 
 
 # Built on import (30 ms), in the agents' forkserver: no control loop stalls at its first status.
@@ -212,6 +226,7 @@ _READERS: Final[dict[type[Any], Callable[[bytes], Any]]] = {
     kind: _decode_json(kind) for kind in _ADAPTERS
 } | {
     Command: _decode_command,
+    TargetWord: _decode_target,
     # What all agents hear, and nothing in it changes: where they share a process, equal bytes are
     # one object.
     AgentState: lru_cache(128)(_decode_state),

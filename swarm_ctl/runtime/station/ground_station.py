@@ -52,6 +52,8 @@ _CHANNELS: Final[tuple[keys.Channel[Any], ...]] = (
     keys.COMMAND,
     keys.ACK,
 )
+_OF_TARGETS: Final = (keys.TARGET, keys.SIGHTING)
+"""Shown, and not recorded: agents tell what comes of them."""
 _COMMANDS: Final = 1000
 """Of so many it is known that they were heard before."""
 _GIVEN_UP: Final = 10
@@ -149,6 +151,8 @@ class Station:
             self.serves,
         )
         node.listen(*_CHANNELS, agents=agents)
+        if plan.targets:
+            node.listen(*_OF_TARGETS, agents=agents)
 
     def _new_model(self) -> Model:
         clock = self._clock
@@ -215,6 +219,9 @@ class Station:
         for channel in _CHANNELS:
             for payload, received_s in self._node.take(channel):
                 self._take(payload, received_s)
+        for channel in _OF_TARGETS if self.plan.targets else ():
+            for word, received_s in self._node.take(channel):
+                self._views.run(self._model.fold, word, received_s)
         ended = self._sender.turn(self._clock.now())
         told = [f"tune: nothing changes; {sent.failed}" for sent in ended if sent.failed]
         told, self._troubles = told + self._troubles, []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -13,6 +13,7 @@ import numpy as np
 from swarm_ctl.core.law.formation import apart_in_height, centred, distances, errors
 from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.formation_frame import Frame
+from swarm_ctl.core.model.frames import ned_from_geodetic
 from swarm_ctl.core.model.geometry import centred as centred_slots
 from swarm_ctl.core.model.geometry import turned
 from swarm_ctl.core.model.messages import (
@@ -26,8 +27,9 @@ from swarm_ctl.core.model.messages import (
     Phase,
     SigmaReport,
     StationBeacon,
+    TargetWord,
 )
-from swarm_ctl.core.model.plan import GroupPlan, Plan, Point
+from swarm_ctl.core.model.plan import Geodetic, GroupPlan, Plan, Point
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
 from swarm_ctl.core.swarm.in_plan import InPlan
 from swarm_ctl.core.swarm.plausibility import SUSPECT_S
@@ -41,6 +43,7 @@ from swarm_ctl.station.picture.view import (
     LinkView,
     PairView,
     SwarmView,
+    TargetView,
     newest,
 )
 
@@ -160,6 +163,10 @@ class Model:
         self._event_count = 0
         self._commands: dict[str, _Answered] = {}
         self._stations: dict[str, float] = {}
+        self._targets: dict[str, tuple[TargetWord, float] | None] = {
+            target.name: None for target in plan.targets
+        }
+        """The newest word of each, and when it came."""
         self._history = HistoryKeeper(self._heard)
 
     def states(self, now_s: float) -> tuple[AgentState, ...]:
@@ -215,6 +222,9 @@ class Model:
             case Ack():
                 if payload.command in self._commands:
                     self._commands[payload.command].acks[payload.agent] = payload
+            case TargetWord():
+                if payload.name in self._targets:
+                    self._targets[payload.name] = payload, received_s
             case StationBeacon():
                 self._stations[payload.station] = received_s
                 if len(self._stations) > _STRANGERS:
@@ -274,6 +284,7 @@ class Model:
                 CommandView(c.command, c.received_s, dict(c.acks)) for c in self._commands.values()
             ),
             stations=stations,
+            targets=tuple(self._seen(now_s)),
             histories=self._history.view(),
             doubted={
                 agent_id: heard.doubt[0]
@@ -281,6 +292,16 @@ class Model:
                 if heard.doubt is not None and now_s - heard.doubt[1] <= SUSPECT_S
             },
         )
+
+    def _seen(self, now_s: float) -> Iterator[TargetView]:
+        for name, heard in self._targets.items():
+            if heard is None:
+                continue
+            word, received_s = heard
+            told = Geodetic(word.latitude_deg, word.longitude_deg, word.altitude_m or 0.0)
+            north, east, _ = ned_from_geodetic(told, self._plan.origin)
+            age_s = max(0.0, now_s - received_s) + word.age_s
+            yield TargetView(name, (north, east), age_s, word.teller)
 
     def _moment(self, now_s: float) -> _Moment:
         after_s = self._plan.policies.agent_lost_after_s

@@ -173,6 +173,17 @@ class StationHealth:
 
 
 @dataclass(frozen=True, slots=True)
+class TargetView:
+    """A target, by the newest word of it."""
+
+    name: str
+    at_m: Point
+    """(north, east)."""
+    age_s: float
+    teller: str
+
+
+@dataclass(frozen=True, slots=True)
 class SwarmView:
     """Everything a screen may show."""
 
@@ -202,6 +213,8 @@ class SwarmView:
     """The last ones, oldest first."""
     stations: Mapping[str, float]
     """When each station's beacon was last heard, this one included."""
+    targets: tuple[TargetView, ...] = ()
+    """Those of which a word has come."""
     histories: Histories = field(default_factory=Histories)
     doubted: Mapping[int, str] = field(default_factory=dict)
     """Why, by agent of which this station did not believe a word of late."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import re
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -204,6 +205,25 @@ def test_a_commands_id_and_kind_are_short(words: tuple[str, str]) -> None:
     """Agents give them back, and keep them."""
     with pytest.raises(PayloadError, match="100 characters"):
         decode(Command, encode(Command(*words, (), 1.0)))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"latitude_deg": 1e308},
+        {"latitude_deg": math.nan},
+        {"longitude_deg": 200.0},
+        {"altitude_m": 1e9},
+        {"velocity_ned_mps": (0.0, 1e9, 0.0)},
+        {"age_s": -1.0},
+        {"accuracy_m": math.nan},
+    ],
+)
+def test_a_target_that_is_nowhere_is_refused(changes: dict[str, Any]) -> None:
+    """Before anything is reckoned with it: a forged word ends no agent."""
+    word = replace(TargetWord("boat", -35.36, 149.16, 0.3), **changes)
+    with pytest.raises(PayloadError, match="TargetWord"):
+        decode(TargetWord, encode(word))
 
 
 @pytest.mark.parametrize("payload", [p for p in OTHERS if not isinstance(p, ClockNews)])

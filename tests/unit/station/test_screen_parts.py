@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +16,17 @@ from rich.cells import cell_len
 from swarm_ctl.commands.build import build
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
-from swarm_ctl.core.model.messages import Ack, Command, Echo, LinkReport, Phase, SigmaReport
+from swarm_ctl.core.model.frames import geodetic_from_ned
+from swarm_ctl.core.model.messages import (
+    Ack,
+    Command,
+    Echo,
+    LinkReport,
+    Phase,
+    SigmaReport,
+    TargetWord,
+)
+from swarm_ctl.core.model.targets import TargetPlan
 from swarm_ctl.core.swarm.gain_update import LEAD_S
 from swarm_ctl.runtime.station.ground_station import swarm_now
 from swarm_ctl.station.dashboard.bars import answers_line, title_line
@@ -354,3 +365,20 @@ def test_an_accepted_command_has_no_colour_of_an_error_and_a_refused_one_has() -
     assert colours() == {"green"}
     model.fold(Ack(6, "c", False, "no"), 30.1)
     assert "red" in colours()
+
+
+def test_a_target_is_on_the_map_with_the_age_of_old_news() -> None:
+    plan = replace(hexagon_plan(), targets=(TargetPlan("boat"),))
+    at = geodetic_from_ned((60.0, 70.0, 0.0), plan.origin)
+    model = flying_model(plan, 10.0)
+    word = TargetWord("boat", at.lat_deg, at.lon_deg, 0.5, station="boat.1")
+    model.fold(replace(word, name="stranger"), 10.0)
+    assert model.view(10.0).targets == ()
+    model.fold(word, 10.0)
+    (seen,) = model.view(10.2).targets
+    assert (seen.name, seen.teller) == ("boat", "boat.1")
+    assert seen.at_m == pytest.approx((60.0, 70.0), abs=0.01)
+    assert seen.age_s == pytest.approx(0.7)
+    for now_s, words in ((10.2, "◎ boat "), (16.0, "◎ boat 6 s ago")):
+        drawn = "\n".join(line.text for line in map_lines(Picture(model.view(now_s)), 60, 20))
+        assert words in drawn

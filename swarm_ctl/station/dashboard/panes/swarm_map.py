@@ -12,6 +12,7 @@ import numpy as np
 from swarm_ctl.core.model.geometry import mean_of
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Point
+from swarm_ctl.core.model.steps.follow import PREDICTED_S
 from swarm_ctl.station.dashboard.drawing.canvas import Canvas
 from swarm_ctl.station.dashboard.drawing.picture import Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import LEVEL_STYLE, SIGN, StyledLine
@@ -35,6 +36,8 @@ _DOT: Final = "•"
 _SHORT_TRAIL: Final = 10
 """Points of a trail on such a map, and of more than `_LARGE` agents: trails would hide all else."""
 _LARGE: Final = 32
+_SHOWN_M: Final = 400.0
+"""A target that is farther away does not shrink the map."""
 _LONG: Final = 0.95
 """Share of the interaction range from which a link counts as nearly too long."""
 
@@ -79,6 +82,7 @@ def map_lines(picture: Picture, width: int, height: int) -> list[StyledLine]:
     drawing.trails()
     drawing.slots()
     drawing.agents()
+    drawing.targets()
     drawing.new_zone()
     drawing.scale_bar()
     return drawing.canvas.lines()
@@ -97,6 +101,7 @@ def fitted(picture: Picture, width: int, height: int) -> MapScale:
     margin = view.plan.law.r_out * view.plan.unit_m / 2
     points = [position(agent) for agent in view.agents if agent.state is not None]
     points += [agent.target_m for agent in view.agents if agent.target_m is not None]
+    points += [t.at_m for t in view.targets if math.dist(t.at_m, points[0]) < _SHOWN_M]
     if new is not None:
         (north, east), r = new.centre_m, new.radius_m
         points += [(north - r, east - r), (north + r, east + r)]
@@ -231,6 +236,15 @@ class _Drawing:
             if self.full and agent.id not in told:
                 column, words = column + (width - 1) // 2, _DOT
             self.canvas.words(column, row, words, name, f"app.mark({agent.id})")
+
+    def targets(self) -> None:
+        """A sign and the name of each; where its news is old, how old."""
+        for target in self.picture.view.targets:
+            x, y = self.scale.dot(target.at_m)
+            old = target.age_s > PREDICTED_S
+            age = f" {target.age_s:.0f} s ago" if old else ""
+            style = "bold yellow" if old else "bold"
+            self.canvas.words(int(x // 2), int(y // 4), f"◎ {target.name}{age}", style)
 
     def new_zone(self) -> None:
         """The one that is being placed, and its centre."""
