@@ -20,7 +20,14 @@ from swarm_ctl.mission.input.document import Document, Place, dotted, problem_at
 from swarm_ctl.mission.input.foreign_files import foreign
 from swarm_ctl.mission.input.indentation import misindented
 
-MOST_ENTRIES = {"agents": 250, "steps": 1000, "offsets": 1000, "along": 200, "polygon": 200}
+MOST_ENTRIES = {
+    "agents": 250,
+    "steps": 1000,
+    "offsets": 1000,
+    "up_m": 1000,
+    "along": 200,
+    "polygon": 200,
+}
 """Of the lists of a file, by field, at most, as the schema says; told before all are parsed."""
 _MOST_ENTRIES = 31_125
 """Of any other list, or mapping: the pairs of 250 agents."""

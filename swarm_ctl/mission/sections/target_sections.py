@@ -18,7 +18,7 @@ class TargetSection(Section):
     with a transponder has one, too."""
     agent: AgentId | None = None
     """Another agent of this mission; it may be flown by hand."""
-    along: Annotated[tuple[NorthEast, ...], Field(min_length=2, max_length=1000)] | None = None
+    along: Annotated[tuple[NorthEast, ...], Field(min_length=2, max_length=200)] | None = None
     """A target for tests, which the swarm plays: its way, from when the step begins."""
     speed_mps: float | None = Field(default=None, ge=0.1, le=60)
     """Of a target that is played. Default: half of vehicle.limits.speed_mps."""

@@ -465,12 +465,14 @@ def test_many_stretched_links_are_one_warning_with_what_is_enough() -> None:
 
 def test_the_examples_in_the_missions_page_are_right(tmp_path: Path) -> None:
     page = (MISSIONS.parent / "docs" / "pages" / "missions.md").read_text()
-    mission, lanes, fence, zones, faults, fleet, routers = re.findall(
+    mission, lanes, fence, zones, boat, faults, fleet, routers = re.findall(
         r"```yaml\n(.*?)```", page, re.DOTALL
     )
     sweep = (MISSIONS / "sweep.yaml").read_text()
     assert loads(sweep.partition("shapes:")[0] + lanes + fence).plan.fence.height_m == 40
     assert [zone.name for zone in loads(mission + zones).plan.zones] == ["oak", "house"]
+    (group,) = loads(mission.partition("steps:")[0] + boat).plan.groups
+    assert [step.follows.offset_m for step in group.steps if step.follows] == [(-20.0, 0.0)]
     assert len(loads(mission + faults).file.simulation.faults) == 3
     loaded = loads(mission + "fleet:\n" + textwrap.indent(fleet, "  "))
     assert loaded.plan == loads(mission).plan
