@@ -80,7 +80,8 @@ def zone_distance(points_m: Floats, zone: Zone) -> Floats:
         away = np.hypot(north - a_n - share * way_n, east - a_e - share * way_e)
         found = np.minimum(found, away)
         if way_e:
-            beyond = north < a_n + (east - a_e) / way_e * way_n
+            # multiplied, not divided: an edge may run east by next to nothing
+            beyond = ((north - a_n) * way_e < (east - a_e) * way_n) == (way_e > 0.0)
             inside ^= ((a_e > east) != (b_e > east)) & beyond
     found[inside] = 0.0
     return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -201,6 +201,7 @@ zones = st.builds(Zone, st.just("z"), corners, st.just(0.0), st.just(1.0)) | st.
 )
 
 
+@example(Zone("z", ((0.0, 0.0), (0.0, 0.0), (0.0, 2e-308)), 0.0, 1.0), np.full((5, 2), 4.0))
 @given(zones, hnp.arrays(np.float64, (5, 2), elements=metres))
 def test_the_distance_to_a_zone_is_that_to_its_outline_and_zero_inside(
     zone: Zone, points: Floats
