@@ -114,8 +114,8 @@ def fly(radius_m: float, count: int) -> str:
             slots = group.reference.slots
             off = np.array(
                 [
-                    complex(north, east) - at - complex(*slots[agent]) * unit
-                    for agent, (north, east, _) in swarm.positions().items()
+                    complex(*place[:2]) - at - complex(*slots[agent]) * unit
+                    for agent, place in swarm.positions().items()
                 ]
             )
             found[turns] += np.abs(off).tolist()
