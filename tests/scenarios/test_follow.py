@@ -34,12 +34,12 @@ agents:
   - {id: 2, start: [0, 10]}
   - {id: 3, start: [10, 0]}
   - {id: 4, start: [10, 10]}
-targets: {boat: {height_m: 0}}
+targets: {boat: {}}
 shapes: {block: {kind: grid, spacing: 10, columns: 2}}
 steps:
   - takeoff: {height_m: 8}
   - form: {shape: block}
-  - follow: {target: boat, offset: [-5, 0], duration_s: 45, ON_LOST}
+  - follow: {target: boat, offset: [-5, 0], duration_s: 45, MORE}
   - land
 fence: {polygon: [[-60, -60], [140, -60], [140, 200], [-60, 200]], height_m: 40}
 """
@@ -52,9 +52,12 @@ class Boat:
     began, and its velocity [m, m/s]."""
 
     def __init__(
-        self, at: Callable[[float], tuple[complex, complex]], on_lost: str = "on_lost: hold"
+        self,
+        at: Callable[[float], tuple[complex, complex]],
+        more: str = "on_lost: hold",
+        zones: str = "",
     ) -> None:
-        self.mission = loads(MISSION.replace("ON_LOST", on_lost))
+        self.mission = loads(MISSION.replace("MORE", more) + zones)
         self.swarm = landing_fast(VirtualSwarm(self.mission))
         self._node = Node(MemoryTransport(self.swarm.mesh), "test", "boat.1")
         self._at, self._dice = at, np.random.default_rng(1)
@@ -210,6 +213,50 @@ def test_a_target_that_leaves_the_fence_is_followed_to_the_fence() -> None:
     boat.fly(40.0)
     easts = [place[1] for place in boat.swarm.positions().values()]
     assert -60.0 < min(easts) < -45.0
+
+
+def test_a_target_that_is_where_it_cannot_be_followed_is_said_to_be() -> None:
+    """On the ground, in a zone, and outside the fence."""
+
+    def away(seconds: float) -> tuple[complex, complex]:
+        return 10 + 5j - 4j * seconds, -4j
+
+    boat = Boat(away, zones="zones: {oak: {circle: [10, -40], radius: 2}}")
+    plain = boat.word
+    boat.word = lambda seconds, **changes: replace(  # type: ignore[method-assign]
+        plain(seconds, **changes), on_ground=seconds > 5.0
+    )
+    boat.fly(25.0)
+    assert boat.said("target boat is on the ground: the formation stands by it")
+    assert boat.said("target boat is in zone oak: the vehicles keep out of it")
+    assert boat.said("target boat is outside the fence: the formation stays inside")
+
+
+def test_a_step_ends_where_its_target_comes_to_a_place() -> None:
+    """The boat is 4 m before it after 12 s; the step has 45."""
+    boat = Boat(straight, "until: [10, 45], until_within_m: 4")
+    boat.fly(math.inf)
+    assert boat.outcomes() == {Outcome.COMPLETED}
+    ended_s = min(e.time_s for e in boat.swarm.events if e.text.startswith("step 4"))
+    assert 11.5 < ended_s - boat.began_s < 15.0
+
+
+def test_a_formation_rises_with_the_target_that_it_flies_above() -> None:
+    """A boat is lifted by a lock: 6 m; its words are off by 2 m up and down, as waves are."""
+    boat = Boat(straight, "above_m: 12")
+    plain = boat.word
+
+    def lifted(seconds: float, **changes: object) -> TargetWord:
+        word, wave = plain(seconds, **changes), 2.0 * math.sin(2.0 * seconds)
+        assert word.altitude_m is not None
+        return replace(word, altitude_m=word.altitude_m + min(6.0, 0.3 * seconds) + wave)
+
+    boat.word = lifted  # type: ignore[method-assign]
+    boat.fly(43.0)
+    downs = np.asarray(boat.swarm.hub.world.positions())[:, 2]
+    assert all(abs(-downs - 18.0) < 1.0)
+    boat.fly(math.inf)
+    assert boat.outcomes() == {Outcome.COMPLETED}
 
 
 def test_an_order_follows_a_target_until_another_order() -> None:

@@ -290,9 +290,10 @@ class Agent:
         began_s = group.progress.started_s if leads else None
         contacts = inbox.view.contacts
         self._sightings = tuple(targets.sight(now, contacts, snapshot, step, began_s))
-        for severity, text in targets.say(now, step):
+        down_m = self._controller.down_m
+        for severity, text in targets.say(now, step, self._controller.zones, -down_m):
             self._log.say(now, severity, text)
-        strangers = targets.aircraft(now, self._controller.down_m)
+        strangers = targets.aircraft(now, down_m)
         return replace(snapshot, traffic=(*snapshot.traffic, *strangers))
 
     def _flown_step(self) -> FollowStep | None:

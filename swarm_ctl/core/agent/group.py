@@ -19,6 +19,7 @@ from swarm_ctl.core.law.formation import error_of_one
 from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.messages import AgentState, Severity
 from swarm_ctl.core.model.plan import Plan, Point, Policy
+from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.steps.step import Step
@@ -40,6 +41,13 @@ _LEADS_M: Final = 1.0
 """So far ahead of all others in the shape is one that they follow."""
 _FLIES_MPS: Final = 0.1
 """A vehicle that is slower flies nowhere."""
+_LOWEST_M: Final = 2.0
+_BELOW_TOP_M: Final = 2.0
+"""So far above the ground, and below the fence's top, a formation stays above its target."""
+_RISES_S: Final = 3.0
+"""The told heights of a target are smoothed over so long: a boat goes up and down on waves."""
+_RISE_STEP_M: Final = 0.5
+"""The formation's height is changed by so much at least."""
 ALONE_S: Final = 15.0
 """A command for all reaches all within ten seconds, or its sender gives it up."""
 
@@ -50,6 +58,7 @@ class Group:
     def __init__(self, plan: Plan, own_id: int, peers: Peers, now: float, log: EventLog) -> None:
         group = plan.group_of(own_id)
         self._policies, self._unit_m, self._own = plan.policies, plan.unit_m, own_id
+        self._fence, self._tick_s = plan.fence, plan.tick_s
         self._log = log
         self.name, self.ids = group.name, group.ids
         self.progress = Progress(group, plan.prepare_timeout_s, now)
@@ -76,6 +85,10 @@ class Group:
         self.heights: tuple[tuple[float, ...], bool] = (), True
         """How far above the flight height the slots of the newest shape are, and whether roles
         decide whose slot is whose."""
+        self._follows: FollowStep | None = None
+        """What follows a target, in this tick."""
+        self._rise_m = self._rises_m = 0.0
+        """After it, as wanted now and as flown."""
         self.formation_error_m: float | None = None
         """Largest |e_j - mean e| over the agents of the mission, itself included; None unless all
         of their states are fresh, or, of far peers, followed: the loss of three far words in a row
@@ -218,6 +231,21 @@ class Group:
             return 0.0
         return ups_m[self.slot_exchange.exchange.role if by_role else self.ids.index(self._own)]
 
+    def rises_m(self, flies_m: float) -> float:
+        """How far above the flight height `flies_m` the formation is to be, after a target that is
+        flown above; in steps, slowly, and below the fence's top. The take-off points count as level
+        with the origin: the heights of receivers differ by metres, and all are to be level."""
+        step, target = self._follows, self.reference.target
+        if step is None or step.above_m is None:
+            self._rise_m = self._rises_m = 0.0
+        elif target is not None and target.fresh and target.height_m is not None:
+            top_m = self._fence.height_m - _BELOW_TOP_M if self._fence is not None else math.inf
+            wanted_m = max(_LOWEST_M, min(target.height_m + step.above_m, top_m))
+            self._rise_m += (wanted_m - flies_m - self._rise_m) * self._tick_s / _RISES_S
+            if abs(self._rise_m - self._rises_m) > _RISE_STEP_M:
+                self._rises_m = self._rise_m
+        return self._rises_m
+
     def on_way(self, step: Step, zones: tuple[Zone, ...], law_tag: int, override: int) -> Step:
         """The step as it is flown with these zones in force; call it before `formation`.
 
@@ -254,10 +282,13 @@ class Group:
         """
         reference, key = self.reference, self.key(override)
         off, follows = None, step.follows
+        self._follows = follows
         reference.target = self.targets.now(follows.target, tick.now) if follows else None
         if step.new_shape is None:
             others = tick.members.without(self.departed)
             reference.follow(others, step, key, own_m, self.formation_error_m, free=free)
+            if follows is not None and tick.fix is not None:
+                reference.trim(follows, complex(*tick.fix.position_ned_m[:2]))
             pinned = reference.leads or follows is not None
             off = reference.off_m(own_m) if pinned and reference.slots else None
         near, centre = self.neighbourhood.own, reference.motion.velocity

@@ -187,7 +187,6 @@ class StepExecutor:
             if stands or override.kind == CommandKind.EXPEL:
                 return Intent(KeepClear(), Phase.FLY, reason)
         course: Course = KeepClear()
-        self._vehicle.fly_up(self._group.up_m)
         if tick.fix is not None:
             if override is None:
                 self._exchange_slots(tick, step, own_m)
@@ -197,6 +196,9 @@ class StepExecutor:
             flown = self._group.on_way(flown, law.zones_in_force, law.tag, tag)
             step = flown if override is None else step
             course = FlyShape(*self._group.formation(tick, flown, tag, own_m, free=free))
+            vehicle = self._vehicle
+            flies_m = vehicle.planned_height_m - vehicle.up_m
+            vehicle.fly_up(self._group.up_m + self._group.rises_m(flies_m))
             file = flown.file
             if file is not None:
                 place_m = self._group.file_place(tick, file, own_m)
@@ -238,7 +240,8 @@ class StepExecutor:
             goes_on = follows is not None and follows.on_lost is Policy.CONTINUE
             if goes_on and group.target_lost(now):
                 progress.finish_step(now, StepOutcome.TIMEOUT)
-            if step.lasts_s is not None and lasted_s >= step.lasts_s:
+            there = follows is not None and follows.reached(group.reference.target)
+            if there or (step.lasts_s is not None and lasted_s >= step.lasts_s):
                 progress.finish_step(now)
             return
         late = step.on_timeout is Policy.CONTINUE and now > progress.timed_out_at

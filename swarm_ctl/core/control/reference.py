@@ -24,7 +24,7 @@ from swarm_ctl.core.model.formation_frame import STILL, Frame, Motion
 from swarm_ctl.core.model.geometry import Point, centred, mean_of, turned
 from swarm_ctl.core.model.messages import AgentState, Phase
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.core.model.steps.follow import Stops
+from swarm_ctl.core.model.steps.follow import FollowStep, Stops
 from swarm_ctl.core.model.steps.step import Path, Step
 from swarm_ctl.core.model.targets import TargetNow
 from swarm_ctl.core.model.timeouts import PREDICT_S
@@ -33,8 +33,15 @@ from swarm_ctl.core.swarm.snapshot import FormationKey, PeerSnapshot
 
 _SLOW_SPAN_M: Final = 2.0
 """The frame slows down as the error exceeds the step's tolerance, and stops at this much more."""
-_TURNS: Final = 0.8
-"""Of the vehicles' acceleration: so hard a frame turns and brakes after its target."""
+_TURNS: Final = 3.0
+"""Of the vehicles' acceleration: so hard a frame turns and brakes after its target. Stop points
+turn and brake harder than vehicles; the noise of the news is smoothed by this."""
+_BRAKES: Final = 0.8
+"""Of the vehicles' acceleration: so hard a frame is braked that flies to the fence."""
+_TRIM_S: Final = 5.0
+"""So slowly the place about a target is corrected by where the vehicle is seen to be ..."""
+_TRIM_M: Final = 3.0
+"""... by no more than this, and while it is no farther off."""
 _CREEP: Final = 0.05
 """The least share of its speed at the end of a leg: a square root profile alone never arrives."""
 
@@ -80,6 +87,8 @@ class Reference:
         self.pinned = own_id
         self.target: TargetNow | None = None
         """What is known of the target that the step follows."""
+        self._trim_m = 0.0
+        """By how much the place about a target is put ahead."""
         self.hemmed = False
         """A zone that came lies on the formation."""
         self.law_tag = 0
@@ -179,6 +188,22 @@ class Reference:
         elif step.follows is not None and self.frame is not None and self._slots:
             self.motion = Motion(complex(*self.frame.velocity_mps))
 
+    def trim(self, step: FollowStep, own: complex) -> None:
+        """Learn from where the vehicle is what the model of its response leaves; once a tick.
+
+        Args:
+            step: that is flown.
+            own: where the vehicle is, north + 1j * east [m].
+        """
+        target = self.target
+        if self.frame is None or target is None or not target.fresh or not self._slots:
+            return
+        slot = complex(*turned(self._slot_m(self._own), self.frame.angle_rad, self.frame.scale))
+        missed_m = step.missed_m(target, own - slot)
+        if abs(missed_m) < _TRIM_M:
+            trim_m = self._trim_m - missed_m * (self._plan.tick_s / _TRIM_S)
+            self._trim_m = max(-_TRIM_M, min(_TRIM_M, trim_m))
+
     @property
     def feed_forward(self) -> Point:
         """The velocity of the own place with the frame [m/s], to be flown on top of the law's."""
@@ -262,7 +287,7 @@ class Reference:
             most = _TURNS * response.acceleration_mps2
             about = self.target, stops, most, self._plan.tick_s
             led = step.follows.led(self.frame, *about)
-            if self._leaves_fence(led, most):
+            if self._leaves_fence(led, _BRAKES * response.acceleration_mps2):
                 led = step.follows.led(self.frame, None, *about[1:])
             self.frame = led
             return
@@ -282,7 +307,9 @@ class Reference:
         dead_s = response.dead_time_s
         if told:
             dead_s = max(0.0, sum(told) / len(told) - response.lag_s)
-        return Stops(dead_s, lambda speed: stop_distance(speed, response))
+        return Stops(
+            dead_s, lambda speed: stop_distance(speed, response), response.lag_s, self._trim_m
+        )
 
     def _leaves_fence(self, frame: Frame, most_mps2: float) -> bool:
         """A place would be outside of the fence before the frame could be braked."""

@@ -21,9 +21,11 @@ from typing import Final, NamedTuple
 from swarm_ctl.core.model.frames import geodetic_from_ned, ned_from_geodetic
 from swarm_ctl.core.model.messages import Severity, TargetWord
 from swarm_ctl.core.model.plan import Geodetic, Plan
-from swarm_ctl.core.model.steps.follow import PREDICTED_S, FollowStep
-from swarm_ctl.core.model.targets import TargetNow, TargetPlan
+from swarm_ctl.core.model.steps.follow import FollowStep
+from swarm_ctl.core.model.targets import LATE_S, PREDICTED_S, TargetNow, TargetPlan
 from swarm_ctl.core.model.vehicle import Contact
+from swarm_ctl.core.model.zones import Zone
+from swarm_ctl.core.safety.fence import inside
 from swarm_ctl.core.swarm.snapshot import TRAFFIC, OtherAircraft, PeerSnapshot
 
 _KEPT: Final = 6
@@ -63,6 +65,9 @@ class Sighting(NamedTuple):
     accuracy_m: float
     height_m: float | None
     teller: str
+    late_s: float = 0.0
+    """So old it was when it came."""
+    on_ground: bool = False
 
 
 @dataclass(slots=True)
@@ -105,7 +110,7 @@ class Tracker:
         if known is None:
             return None
         age_s = max(0.0, now - self.words[-1].true_s)
-        at, velocity, course = known.ahead(min(age_s, PREDICTED_S))
+        at, velocity, course = known.ahead(min(age_s, PREDICTED_S + known.late_s))
         return known._replace(at=at, velocity=velocity, course=course, age_s=age_s)
 
     def take_said(self) -> list[str]:
@@ -160,8 +165,10 @@ class Tracker:
             turns=turns,
             course=self.course,
             age_s=0.0,
+            late_s=min(last.late_s, LATE_S),
             accuracy_m=last.accuracy_m,
             height_m=last.height_m,
+            on_ground=last.on_ground,
         )
         carried = [
             word.at + blank._replace(velocity=v).ahead(-t)[0]
@@ -242,6 +249,8 @@ class Targets:
                 accuracy_m=word.accuracy_m,
                 height_m=height_m,
                 teller=word.teller,
+                late_s=word.age_s,
+                on_ground=word.on_ground,
             )
         )
 
@@ -303,6 +312,7 @@ class Targets:
                     velocity_ned_mps=peer.state.velocity_ned_mps,
                     accuracy_m=1.0,
                     agent=self._own,
+                    on_ground=not peer.state.airborne,
                 )
         return None
 
@@ -343,7 +353,7 @@ class Targets:
                 setpoint=velocity,
                 age_s=known.age_s,
                 age_at_most_s=known.age_s,
-                fresh=known.age_s <= PREDICTED_S,
+                fresh=known.fresh,
             )
 
     def lost_s(self, step: FollowStep, now: float, since_s: float) -> float:
@@ -351,8 +361,11 @@ class Targets:
         known = self.now(step.target, now)
         return now - since_s if known is None else min(known.age_s, now - since_s)
 
-    def say(self, now: float, step: FollowStep | None) -> Iterator[tuple[Severity, str]]:
-        """What is to be said of the targets; what goes on, every some seconds."""
+    def say(
+        self, now: float, step: FollowStep | None, zones: Sequence[Zone], height_m: float
+    ) -> Iterator[tuple[Severity, str]]:
+        """What is to be said of the targets, with these zones in force, by an agent at this height
+        above the origin; what goes on, every some seconds."""
         for name, tracker in self._trackers.items():
             for text in tracker.take_said():
                 if self._due(name, " ".join(text.split()[:2]), now):
@@ -360,7 +373,7 @@ class Targets:
         if step is None:
             return
         known, name = self.now(step.target, now), step.target
-        silent = known is None or known.age_s > PREDICTED_S
+        silent = known is None or not known.fresh
         long = known is None or known.age_s > _SAYS_S
         if long and name not in self._silent:
             self._silent.add(name)
@@ -371,9 +384,29 @@ class Targets:
             yield Severity.INFO, f"target {name} is heard: the formation closes up"
         if known is None or silent:
             return
-        if abs(known.velocity) > step.speed_mps and self._due(name, "fast", now):
-            fast = f"is faster than the formation may fly: {abs(known.velocity):.1f} m/s"
-            yield Severity.WARNING, f"target {name} {fast}; allowed: {step.speed_mps:g} m/s"
+        for what, text in self._meets(known, step, zones, height_m):
+            if self._due(name, what, now):
+                yield Severity.WARNING, f"target {name} {text}"
+
+    def _meets(
+        self, known: TargetNow, step: FollowStep, zones: Sequence[Zone], height_m: float
+    ) -> Iterator[tuple[str, str]]:
+        """Why the formation can't be where this target is, in a word and in a sentence with what is
+        done."""
+        speed, at = abs(known.velocity), (known.at.real, known.at.imag)
+        if speed > step.speed_mps:
+            fast = f"is faster than the formation may fly: {speed:.1f} m/s"
+            yield "fast", f"{fast}; allowed: {step.speed_mps:g} m/s"
+        fence = self._plan.fence
+        if fence is not None and not inside(fence.polygon_m, at):
+            yield "fence", "is outside the fence: the formation stays inside"
+        for zone in zones:
+            if zone.contains(at) and zone.blocks(height_m, height_m):
+                yield zone.name, f"is in zone {zone.name}: the vehicles keep out of it"
+        if known.on_ground:
+            yield "ground", "is on the ground: the formation stands by it"
+        if step.above_m is not None and known.height_m is None:
+            yield "height", "does not tell its height: the formation keeps its own"
 
     def _due(self, name: str, what: str, now: float) -> bool:
         last_s = self._said.get((name, what), -math.inf)

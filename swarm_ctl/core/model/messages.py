@@ -514,6 +514,8 @@ class TargetWord:
     """Who tells it; 0: no agent."""
     station: str = ""
     """What brings it from a receiver; '': an agent tells it."""
+    on_ground: bool = False
+    """It flies, and stands on the ground now."""
 
     @property
     def teller(self) -> str:

@@ -5,9 +5,15 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from swarm_ctl.core.model.geometry import Point
+
+PREDICTED_S: Final = 1.0
+"""After the last word of a target its motion is carried on for so long; then the formation brakes,
+and stands."""
+LATE_S: Final = 1.0
+"""A word that was older when it came counts as so old."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,9 +59,18 @@ class TargetNow(NamedTuple):
     """The unit vector of its course; of one that stands, the last one."""
     age_s: float
     """Of the newest word that was believed."""
+    late_s: float
+    """So old that word was when it came, `LATE_S` at most."""
     accuracy_m: float
     height_m: float | None
     """Above the origin; None: not known."""
+    on_ground: bool = False
+    """It flies, and stands on the ground now."""
+
+    @property
+    def fresh(self) -> bool:
+        """It was heard a moment ago: the formation flies after it."""
+        return self.age_s - self.late_s <= PREDICTED_S
 
     def ahead(self, seconds: float) -> tuple[complex, complex, complex]:
         """Place, velocity and course so much later, in a circle at constant speed."""

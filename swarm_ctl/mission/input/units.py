@@ -14,7 +14,7 @@ from swarm_ctl.mission.sections.section import Section
 
 _LENGTHS: Final = frozenset(
     {"r", "r_out", "r_in", "start", "side", "radius", "inner_radius", "spacing", "height"}
-    | {"offset", "offsets", "to", "along", "by", "polygon", "circle"}
+    | {"offset", "offsets", "to", "along", "by", "until", "polygon", "circle"}
 )
 """Fields of the schema that are lengths in the file's unit; those in metres end in `_m`."""
 

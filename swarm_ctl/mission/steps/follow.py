@@ -33,6 +33,13 @@ class FollowSection(TimedSection):
     """The formation flies no faster after its target. Default: vehicle.limits.speed_mps."""
     duration_s: float = Field(gt=0, le=7200)
     """For how long; the order `next` ends it earlier."""
+    above_m: float | None = Field(default=None, ge=2, le=200)
+    """So high above the target, which then has to tell its height; inside the fence. The take-off
+    points count as level with the origin. Default: at the flight height."""
+    until: NorthEast | None = None
+    """The step ends before its time when the target is here: [north, east]."""
+    until_within_m: float = Field(default=10.0, ge=1, le=500)
+    """So near to `until` it is there."""
     lost_after_s: float = Field(default=10.0, ge=2, le=600)
     """News of the target is carried on for 1 s; then the formation stands, and after so long
     `on_lost` is done."""
@@ -77,7 +84,7 @@ class Follow(StepKind[FollowSection, FollowStep]):
         self, written: FollowSection, mission: Mission, before: PlannedFormation
     ) -> FollowStep:
         limit, unit = mission.vehicle.limits.planned().speed_mps, before.unit_m
-        north, east = written.offset
+        (north, east), until = written.offset, written.until
         return FollowStep(
             written.target,
             (north * unit, east * unit),
@@ -87,6 +94,9 @@ class Follow(StepKind[FollowSection, FollowStep]):
             timeout_s=written.timeout_s or written.duration_s + 30,
             lost_after_s=written.lost_after_s,
             on_lost=written.on_lost,
+            above_m=written.above_m,
+            until_m=(until[0] * unit, until[1] * unit) if until is not None else None,
+            until_within_m=written.until_within_m,
             on_timeout=written.on_timeout,
         )
 
@@ -98,6 +108,10 @@ class Follow(StepKind[FollowSection, FollowStep]):
         north, east = step.offset_m
         of = "of its course" if step.in_course else "north, east"
         where = f", ({north:g}, {east:g}) m {of}" if math.hypot(north, east) else ""
+        where += f", {step.above_m:g} m above it" if step.above_m is not None else ""
+        if step.until_m is not None:
+            end = f"({step.until_m[0]:g}, {step.until_m[1]:g}) m"
+            where += f", until it is within {step.until_within_m:g} m of {end}"
         return f"follow {step.target}{where}, at most {step.speed_mps:g} m/s"
 
     def expected_s(self, step: FollowStep, at: PlannedStep, autopilot: UpAndDown) -> float:

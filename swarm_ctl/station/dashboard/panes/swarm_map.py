@@ -12,7 +12,7 @@ import numpy as np
 from swarm_ctl.core.model.geometry import mean_of
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Point
-from swarm_ctl.core.model.steps.follow import PREDICTED_S
+from swarm_ctl.core.model.targets import PREDICTED_S
 from swarm_ctl.station.dashboard.drawing.canvas import Canvas
 from swarm_ctl.station.dashboard.drawing.picture import Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import LEVEL_STYLE, SIGN, StyledLine
