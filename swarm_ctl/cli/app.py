@@ -24,6 +24,7 @@ from swarm_ctl.cli.flight.run import run
 from swarm_ctl.cli.flight.send import send
 from swarm_ctl.cli.flight.sim import sim
 from swarm_ctl.cli.flight.station import station
+from swarm_ctl.cli.flight.target import target
 from swarm_ctl.cli.hosts.deploy import deploy
 from swarm_ctl.cli.hosts.hosts import hosts
 from swarm_ctl.cli.hosts.on_host import on_host
@@ -55,7 +56,7 @@ app = typer.Typer(
 
 _COMMANDS: Final[dict[str, tuple[Callable[..., None], ...]]] = {
     "ground": (run, validate, plan, station, send, replay, report, compare, fuzz),
-    "": (agent, link, router, sim, measure, doctor, schema, keys),
+    "": (agent, link, router, target, sim, measure, doctor, schema, keys),
     "study": (study, paper),
 }
 """The commands that need an extra, or only the core."""

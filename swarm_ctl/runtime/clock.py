@@ -54,6 +54,11 @@ def date_and_time(ago_s: float = 0.0) -> datetime:
     return datetime.fromtimestamp(time.time() - ago_s).astimezone()
 
 
+def unix_of(text: str) -> float:
+    """The Unix time of a date and time as ISO 8601 has it; ValueError for another text."""
+    return datetime.fromisoformat(text).timestamp()
+
+
 def unix_s() -> float:
     """Seconds of Unix time, for what outlives this process."""
     return time.time()

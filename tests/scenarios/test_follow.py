@@ -92,6 +92,7 @@ class Boat:
         silent_from_s: float = math.inf,
         silent_to_s: float = math.inf,
         after_s: float = 15.0,
+        every_s: float = EVERY_S,
     ) -> None:
         """Until so long after the step began, or to the flight's end."""
         due, mail = 0.0, list[tuple[float, float, TargetWord]]()
@@ -105,7 +106,7 @@ class Boat:
             if seconds > until_s:
                 return
             if now >= due - 1e-6 and not math.isinf(self.began_s):
-                due += EVERY_S
+                due += every_s
                 silent = silent_from_s <= seconds < silent_to_s
                 if not silent and self._dice.random() >= lost:
                     mail.append((now + late_s, now, self.word(seconds)))
@@ -155,6 +156,14 @@ def test_the_formation_is_where_its_target_is(
     assert boat.rms_m < most_m
     assert boat.outcomes() == {Outcome.COMPLETED}
     assert boat.swarm.closest_m > 2.5
+
+
+def test_a_receiver_that_speaks_once_a_second_is_followed() -> None:
+    """The formation does not brake before each word."""
+    boat = Boat(straight)
+    boat.fly(math.inf, every_s=1.0, late_s=0.3)
+    assert boat.rms_m < 0.8
+    assert boat.outcomes() == {Outcome.COMPLETED}
 
 
 def test_a_target_that_falls_silent_is_waited_for_and_found_again_without_a_jump() -> None:

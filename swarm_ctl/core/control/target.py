@@ -22,7 +22,7 @@ from swarm_ctl.core.model.frames import geodetic_from_ned, ned_from_geodetic
 from swarm_ctl.core.model.messages import Severity, TargetWord
 from swarm_ctl.core.model.plan import Geodetic, Plan
 from swarm_ctl.core.model.steps.follow import FollowStep
-from swarm_ctl.core.model.targets import LATE_S, PREDICTED_S, TargetNow, TargetPlan
+from swarm_ctl.core.model.targets import LATE_S, PREDICTED_S, SELDOM_S, TargetNow, TargetPlan
 from swarm_ctl.core.model.vehicle import Contact
 from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.safety.fence import inside
@@ -110,7 +110,7 @@ class Tracker:
         if known is None:
             return None
         age_s = max(0.0, now - self.words[-1].true_s)
-        at, velocity, course = known.ahead(min(age_s, PREDICTED_S + known.late_s))
+        at, velocity, course = known.ahead(min(age_s, known.lasts_s + known.late_s))
         return known._replace(at=at, velocity=velocity, course=course, age_s=age_s)
 
     def take_said(self) -> list[str]:
@@ -153,6 +153,7 @@ class Tracker:
         told = [v for v in velocities if v is not None]
         if len(told) < len(words):
             told = [_slope(times, [word.at for word in words])] * len(words)
+        every_s = -times[0] / max(len(times) - 1, 1)
         middle_s = sum(times) / len(times)
         mean = sum(told) / len(told)
         turns = self._turns(times, told)
@@ -166,6 +167,7 @@ class Tracker:
             course=self.course,
             age_s=0.0,
             late_s=min(last.late_s, LATE_S),
+            lasts_s=max(PREDICTED_S, 1.5 * min(every_s, SELDOM_S)),
             accuracy_m=last.accuracy_m,
             height_m=last.height_m,
             on_ground=last.on_ground,

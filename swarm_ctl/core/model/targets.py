@@ -10,8 +10,11 @@ from typing import Final, NamedTuple
 from swarm_ctl.core.model.geometry import Point
 
 PREDICTED_S: Final = 1.0
-"""After the last word of a target its motion is carried on for so long; then the formation brakes,
-and stands."""
+"""After the last word of a target its motion is carried on for so long; after that of a receiver
+that speaks seldom, half as long again as from one word to the next. Then the formation brakes, and
+stands."""
+SELDOM_S: Final = 1.2
+"""A receiver that speaks less often than this is not waited for."""
 LATE_S: Final = 1.0
 """A word that was older when it came counts as so old."""
 
@@ -61,6 +64,8 @@ class TargetNow(NamedTuple):
     """Of the newest word that was believed."""
     late_s: float
     """So old that word was when it came, `LATE_S` at most."""
+    lasts_s: float
+    """Its motion is carried on for so long after that."""
     accuracy_m: float
     height_m: float | None
     """Above the origin; None: not known."""
@@ -70,7 +75,7 @@ class TargetNow(NamedTuple):
     @property
     def fresh(self) -> bool:
         """It was heard a moment ago: the formation flies after it."""
-        return self.age_s - self.late_s <= PREDICTED_S
+        return self.age_s - self.late_s <= self.lasts_s
 
     def ahead(self, seconds: float) -> tuple[complex, complex, complex]:
         """Place, velocity and course so much later, in a circle at constant speed."""
