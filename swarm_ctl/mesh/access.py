@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from swarm_ctl.errors import InputError
-from swarm_ctl.mesh.keys import BEACON, CHANNELS, COMMAND, alive_key, plan_key
+from swarm_ctl.mesh.keys import CHANNELS, alive_key, plan_key
 from swarm_ctl.trust.identity import Identity
 from swarm_ctl.trust.names import Role
 from swarm_ctl.trust.roster import Entry
@@ -160,7 +160,8 @@ def _own_keys(entry: Entry, swarm: str) -> list[str]:
         return [*keys, alive_key(swarm, "agent", entry.name)]
     if entry.role is Role.OPERATOR:
         name = station_name(entry.name, "$*")
-        keys = [channel.key(swarm, name) for channel in (COMMAND, BEACON)]
+        own = (channel for channel in CHANNELS if channel.publisher == "station")
+        keys = [channel.key(swarm, name) for channel in own]
         return [*keys, alive_key(swarm, "station", name), plan_key(swarm, name)]
     return _all_keys(swarm) if entry.role is Role.ROUTER else []
 

@@ -22,6 +22,7 @@ from swarm_ctl.core.model.messages import (
     Phase,
     SigmaReport,
     StationBeacon,
+    TargetWord,
 )
 from swarm_ctl.errors import InputError
 
@@ -167,6 +168,7 @@ TOPICS: Final = (
     _topic("ack", "/agent/{id}/ack", Ack),
     _topic("command", "/command", Command),
     _topic("beacon", "/beacon", StationBeacon),
+    _topic("target", "/target", TargetWord),
     Topic("truth", "/truth", None, lambda: _TRUTH),
 )
 """`status` has the agent's mesh links (age, loss) by peer."""

@@ -18,7 +18,7 @@ import zenoh
 
 from swarm_ctl.errors import TrustError
 from swarm_ctl.mesh.access import access_settings, as_tls
-from swarm_ctl.mesh.keys import CHANNELS, COMMAND, STATE, alive_key
+from swarm_ctl.mesh.keys import CHANNELS, COMMAND, SIGHTING, STATE, alive_key
 from swarm_ctl.mesh.zenoh_config import MeshPart, configuration
 from swarm_ctl.mesh.zenoh_transport import Router, ZenohTransport
 from swarm_ctl.runtime.launch.forked import HostRouter
@@ -96,12 +96,13 @@ def test_a_client_says_its_own_alone(
     inlets = [hearing.subscribe(channel.key_expression(SWARM)) for channel in CHANNELS]
     overheard = spy.subscribe(STATE.key_expression(SWARM))
     owners = itertools.cycle((*VICTIM.items(), ("agent", "7"), ("station", "bob.1-a")))
-    found, heard, spied = set[tuple[str, str]](), {b"state": 0, b"command": 0}, 0
+    found, heard, spied = set[tuple[str, str]](), {b"state": 0, b"command": 0, b"sighting": 0}, 0
 
     def spoken() -> bool:
         nonlocal spied
         honest.publish(STATE.key(SWARM, 2), b"state", STATE.qos)
         anna.publish(COMMAND.key(SWARM, "anna.1-a"), b"command", COMMAND.qos)
+        anna.publish(SIGHTING.key(SWARM, "anna.1-a"), b"sighting", SIGHTING.qos)
         kind, name = next(owners)  # one at a time: a router takes a bounded rate of each link
         for channel in CHANNELS:
             if channel.publisher == kind:

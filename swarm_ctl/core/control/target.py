@@ -22,7 +22,14 @@ from swarm_ctl.core.model.frames import geodetic_from_ned, ned_from_geodetic
 from swarm_ctl.core.model.messages import Severity, TargetWord
 from swarm_ctl.core.model.plan import Geodetic, Plan
 from swarm_ctl.core.model.steps.follow import FollowStep
-from swarm_ctl.core.model.targets import LATE_S, PREDICTED_S, SELDOM_S, TargetNow, TargetPlan
+from swarm_ctl.core.model.targets import (
+    LATE_S,
+    PREDICTED_S,
+    SELDOM_S,
+    STANDS_MPS,
+    TargetNow,
+    TargetPlan,
+)
 from swarm_ctl.core.model.vehicle import Contact
 from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.safety.fence import inside
@@ -33,8 +40,6 @@ _KEPT: Final = 6
 in a turn."""
 _WINDOW_S: Final = 3.0
 """Older ones say nothing of how it moves now."""
-_STANDS_MPS: Final = 0.5
-"""A slower one has no course: the last one is kept."""
 _STRAIGHT: Final = 0.04
 """[rad/s] A slower turn is noise of the velocities."""
 _SPINS: Final = 0.6
@@ -158,7 +163,7 @@ class Tracker:
         mean = sum(told) / len(told)
         turns = self._turns(times, told)
         velocity = mean * cmath.exp(-1j * turns * middle_s)
-        if abs(velocity) > _STANDS_MPS:
+        if abs(velocity) > STANDS_MPS:
             self.course = velocity / abs(velocity)
         blank = TargetNow(
             at=0j,
@@ -180,7 +185,7 @@ class Tracker:
 
     def _turns(self, times: Sequence[float], told: Sequence[complex]) -> float:
         """How fast the course turns, by the velocities."""
-        if len(told) < 3 or min(map(abs, told)) < _STANDS_MPS:
+        if len(told) < 3 or min(map(abs, told)) < STANDS_MPS:
             return 0.0
         course = told[-1]
         angles = [cmath.phase(velocity / course) for velocity in told]

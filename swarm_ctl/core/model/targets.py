@@ -15,6 +15,8 @@ that speaks seldom, half as long again as from one word to the next. Then the fo
 stands."""
 SELDOM_S: Final = 1.2
 """A receiver that speaks less often than this is not waited for."""
+STANDS_MPS: Final = 0.5
+"""A target that is slower has no course."""
 LATE_S: Final = 1.0
 """A word that was older when it came counts as so old."""
 

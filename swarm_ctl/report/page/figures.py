@@ -100,6 +100,41 @@ def error(axis: int) -> Callable[[RunHistory], Figure | None]:
     return draw
 
 
+def heights(history: RunHistory) -> Figure | None:
+    """Of each agent, where the mission has several."""
+    steps = (step for group in history.run.groups for step in group.plan.steps)
+    if not any(form.ups_m for step in steps if (form := step.new_shape) is not None):
+        return None
+    up_m = np.where(history.flight.live, -history.flight.position_ned_m[..., 2], np.nan)
+    title = f"Height above the origin ({history.by})"
+    made = _lines(history, up_m, history.agents, "agent", title)
+    if made is not None:
+        made.axes[0].set_ylabel("height [m]")
+    return made
+
+
+def target(history: RunHistory) -> Figure | None:
+    """How far the formation was from its places about its target, and how old the news was."""
+    times, off_m = history.flight.time_s, history.off_targets()
+    followed = np.isfinite(off_m).any(axis=1)
+    if not followed.any():
+        return None
+    made, (off, age) = grid("Following: distance from the places about the target", 2, 1, 5.2, 4.2)
+    shown = (times >= times[followed][0]) & (times <= times[followed][-1])
+    for k, agent in enumerate(history.agents):
+        off.plot(times[shown], off_m[shown, k], linewidth=0.8, label=str(agent), **line_style(k))
+    seconds, first = np.unique(np.floor(times[shown]), return_index=True)
+    age.margins(y=0.2)
+    for track in history.targets():
+        oldest_s = np.maximum.reduceat(track.at(times[shown])[1], first)
+        age.step(seconds, oldest_s, where="post", linewidth=1.0, color="black")
+    off.set(ylabel="off its place [m]", yscale="log", ylim=(0.03, None))
+    age.set(ylabel="oldest news in a second [s]", xlabel="mission time [s]")
+    age.set_ylim(bottom=0)
+    _name(off, len(history.agents), "agent")
+    return made
+
+
 def links(history: RunHistory) -> Figure | None:
     """Length of each link of the start graph."""
     names = [f"{i}-{j}" for i, j in history.links]
@@ -195,6 +230,8 @@ FIGURES: Final[tuple[tuple[str, Callable[[RunHistory], Figure | None]], ...]] = 
     ("sigma", sigma),
     ("error-x", error(0)),
     ("error-y", error(1)),
+    ("target", target),
+    ("heights", heights),
     ("links", links),
     ("mesh", mesh),
     ("ticks", ticks),

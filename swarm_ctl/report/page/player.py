@@ -110,6 +110,14 @@ def _run(history: RunHistory, entries: Iterable[JournalLine], *, aligned: bool) 
             }
             for z, since_s, until_s in history.zones()
         ],
+        "targets": [
+            {
+                "name": printable(track.name),
+                "times": np.round(track.time_s, 2).tolist(),
+                "at": np.round(track.ned_m, 2).tolist(),
+            }
+            for track in history.targets()
+        ],
         "fence_m": plan.fence.polygon_m if plan.fence else [],
         "steps": _steps(history),
         "marks": [_mark(entry) for entry in entries],

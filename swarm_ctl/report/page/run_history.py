@@ -12,8 +12,11 @@ import numpy as np
 
 from swarm_ctl.core.law.formation import distances
 from swarm_ctl.core.law.graph import edges
-from swarm_ctl.core.model.messages import AgentState, AgentStatus, Payload, SigmaReport
-from swarm_ctl.core.model.plan import Plan, Zone
+from swarm_ctl.core.model.frames import ned_from_geodetic
+from swarm_ctl.core.model.messages import AgentState, AgentStatus, Payload, SigmaReport, TargetWord
+from swarm_ctl.core.model.plan import Geodetic, Plan, Zone
+from swarm_ctl.core.model.steps.follow import FollowStep
+from swarm_ctl.core.model.targets import PREDICTED_S, STANDS_MPS
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import RECORDING, read, recover
 from swarm_ctl.recording.mcap_reader import is_whole
@@ -32,12 +35,20 @@ class HeardMessages:
     statuses: dict[int, list[AgentStatus]] = field(default_factory=dict)
     sigmas: dict[tuple[int, int], list[tuple[float, float, float]]] = field(default_factory=dict)
     """(time, distance, sigma) as agent i sees j, by (i, j); units."""
+    targets: dict[str, list[tuple[float, TargetWord]]] = field(default_factory=dict)
+    """(when it was there, word) of each target, by name."""
     said: list[tuple[float, Payload]] = field(default_factory=list)
     """(time heard, message) of all of them."""
 
 
 _SILENT_S: Final = 2.0
 """An agent that was silent for longer at the end of the flight does not say what held there."""
+
+
+_GAP_S: Final = 2.0 * PREDICTED_S
+"""Two words of a target that are farther apart do not say where it was between them."""
+_OFTEN_S: Final = 0.05
+"""Words of several tellers that are no farther apart are one."""
 
 
 class ZoneInForce(NamedTuple):
@@ -48,6 +59,30 @@ class ZoneInForce(NamedTuple):
     """-inf: from the beginning."""
     until_s: float
     """inf: to the end."""
+
+
+class TargetTrack(NamedTuple):
+    """Where a target was by what was told of it, T words in the order of their times."""
+
+    name: str
+    time_s: Floats
+    """(T,), when it was there."""
+    ned_m: Floats
+    """(T, 3)"""
+    velocity_mps: Floats
+    """(T, 2), north and east; nan where it was not told."""
+
+    def at(self, time_s: Floats) -> tuple[Floats, Floats]:
+        """Its place (N, 2) [m] at these times, on straight lines between the words, and the age of
+        the newest word (N,) [s]; nan before the first, and where there was none for longer than a
+        formation carries its motion on."""
+        after = np.searchsorted(self.time_s, time_s, side="right")
+        before = np.clip(after - 1, 0, None)
+        age_s = np.where(after > 0, time_s - self.time_s[before], np.nan)
+        later = np.clip(after, 0, len(self.time_s) - 1)
+        known = (after > 0) & (np.maximum(self.time_s[later] - self.time_s[before], age_s) < _GAP_S)
+        found = [np.interp(time_s, self.time_s, self.ned_m[:, c]) for c in range(2)]
+        return np.where(known[:, None], np.stack(found, axis=-1), np.nan), age_s
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,6 +158,45 @@ class RunHistory:
             ZoneInForce(zone, *span) for zone, found in spans.items() for span in _joined(found)
         ]
 
+    def targets(self) -> list[TargetTrack]:
+        """Of each target that was told of, its track."""
+        return [self._track(name, words) for name, words in sorted(self.heard.targets.items())]
+
+    def _track(self, name: str, words: list[tuple[float, TargetWord]]) -> TargetTrack:
+        kept = list[tuple[float, TargetWord]]()
+        for time_s, word in sorted(words, key=lambda each: each[0]):
+            if not kept or time_s - kept[-1][0] > _OFTEN_S:
+                kept.append((time_s, word))
+        height_m = next((t.height_m for t in self.plan.targets if t.name == name), None)
+        places, velocities = [], []
+        for _, word in kept:
+            told = Geodetic(word.latitude_deg, word.longitude_deg, word.altitude_m or 0.0)
+            north, east, down = ned_from_geodetic(told, self.plan.origin)
+            known = word.altitude_m is not None and height_m is None
+            places.append((north, east, down if known else -(height_m or 0.0)))
+            velocities.append((word.velocity_ned_mps or (np.nan, np.nan))[:2])
+        times = np.array([time_s for time_s, _ in kept])
+        return TargetTrack(name, times, np.array(places), np.array(velocities))
+
+    def off_targets(self) -> Floats:
+        """How far each agent is from its place about the target that its group follows [m] (T, n);
+        nan where it follows none by the mission, or nobody told where that is."""
+        flight, tracks = self.flight, {track.name: track for track in self.targets()}
+        found, errors = np.full(flight.live.shape, np.nan), self.errors()
+        for group in self.run.groups:
+            centre = np.zeros(2)
+            for k, step in enumerate(group.plan.steps, start=1):
+                if (form := step.new_shape) is not None:
+                    centre = np.mean(form.slots, axis=0) * self.plan.unit_m
+                follows, until_s = step.follows, min(group.start_s(k + 1), group.landing_s())
+                if follows is None or follows.target not in tracks:
+                    continue
+                at = (flight.time_s >= group.start_s(k)) & (flight.time_s <= until_s)
+                wanted = _wanted(tracks[follows.target], follows, flight.time_s[at])
+                of = np.ix_(np.flatnonzero(at), np.array(group.columns))
+                found[of] = np.linalg.norm(errors[of] + centre - wanted[:, None], axis=-1)
+        return found
+
     def first_form_s(self) -> float:
         """When the first form step began; 0 where none did."""
         groups = self.run.groups
@@ -168,6 +242,19 @@ class RunHistory:
         i, j = ends.reshape(-1, 2).T
         lengths = np.linalg.norm(points[:, i] - points[:, j], axis=-1)
         return np.where(live[:, i] & live[:, j], lengths, np.nan)
+
+
+def _wanted(track: TargetTrack, step: FollowStep, time_s: Floats) -> Floats:
+    """Where the centre of a formation is to be (N, 2)."""
+    place, _ = track.at(time_s)
+    offset = np.array(step.offset_m)
+    if not step.in_course:
+        return np.asarray(place + offset)
+    north, east = (np.interp(time_s, track.time_s, track.velocity_mps[:, c]) for c in range(2))
+    speed = np.hypot(north, east)
+    course = (north + 1j * east) / np.where(speed < STANDS_MPS, np.nan, speed)
+    turned = complex(*offset) * course
+    return np.asarray(place + np.stack((turned.real, turned.imag), axis=-1))
 
 
 def told_by(statuses: Sequence[AgentStatus], plan: Plan, end_s: float) -> Iterator[ZoneInForce]:
@@ -243,6 +330,9 @@ def _take(heard: HeardMessages, folder: Path, damage: RecordingDamage) -> None:
                 heard.states.setdefault(payload.agent, []).append(payload)
             case AgentStatus():
                 heard.statuses.setdefault(payload.agent, []).append(payload)
+            case TargetWord():
+                when = heard_s - payload.age_s, payload
+                heard.targets.setdefault(payload.name, []).append(when)
             case SigmaReport():
                 for pair in payload.pairs:
                     row = (payload.time_s, pair.distance, pair.sigma)

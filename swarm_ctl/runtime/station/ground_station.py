@@ -221,7 +221,7 @@ class Station:
                 self._take(payload, received_s)
         for channel in _OF_TARGETS if self.plan.targets else ():
             for word, received_s in self._node.take(channel):
-                self._views.run(self._model.fold, word, received_s)
+                self._take(word, received_s)
         ended = self._sender.turn(self._clock.now())
         told = [f"tune: nothing changes; {sent.failed}" for sent in ended if sent.failed]
         told, self._troubles = told + self._troubles, []

@@ -41,6 +41,17 @@ class AgentFigures:
 
 
 @row
+class TargetFigures:
+    """One target. What is not known is not there."""
+
+    name: str
+    age_s: float
+    """Of the newest word of it."""
+    off_m: float | None
+    """How far the formation's centre is from its place about it."""
+
+
+@row
 class SwarmFigures:
     """The whole swarm at one time."""
 
@@ -59,6 +70,7 @@ class SwarmFigures:
     alarms: int
     """How many stand."""
     agents: tuple[AgentFigures, ...]
+    targets: tuple[TargetFigures, ...]
 
 
 def figures(view: SwarmView, alarms: int) -> SwarmFigures:
@@ -77,6 +89,10 @@ def figures(view: SwarmView, alarms: int) -> SwarmFigures:
         link_loss=max((agent.link_loss for agent in agents), default=0.0),
         alarms=alarms,
         agents=agents,
+        targets=tuple(
+            TargetFigures(target.name, round(target.age_s, 3), _rounded(target.off_m))
+            for target in view.targets
+        ),
     )
 
 

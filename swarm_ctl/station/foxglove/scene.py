@@ -9,6 +9,7 @@ from typing import Final
 
 from swarm_ctl.core.model.messages import AgentState
 from swarm_ctl.core.model.plan import Point
+from swarm_ctl.core.model.targets import PREDICTED_S
 from swarm_ctl.core.model.vehicle import Vector3 as Ned
 from swarm_ctl.station.foxglove.messages import (
     LINE_LIST,
@@ -40,6 +41,7 @@ _SLOT: Final = Color(0.2, 0.8, 0.4, 0.8)
 _LINK: Final = Color(0.4, 0.6, 0.8, 0.6)
 _SETPOINT: Final = Color(0.95, 0.85, 0.2, 1.0)
 _ZONE: Final = Color(0.9, 0.2, 0.2, 0.9)
+_TARGET: Final = Color(0.9, 0.3, 0.9, 1.0)
 _WHITE: Final = Color(1.0, 1.0, 1.0, 1.0)
 _TRAIL_POINTS: Final = 40
 _HERE: Final = Pose()
@@ -98,7 +100,7 @@ def vehicles(view: SwarmView, now: Time) -> SceneUpdate:
 
 
 def formation(view: SwarmView, now: Time) -> SceneUpdate:
-    """Slots, neighbour links, setpoints of the moment, and zones, in the common frame."""
+    """Slots, neighbour links, setpoints of the moment, zones and targets, in the common frame."""
     size = 0.25 * view.plan.law.r_in * view.plan.unit_m
     ball = Vector3(size, size, size)
     states = {state.agent: state for state in _states(view)}
@@ -116,6 +118,7 @@ def formation(view: SwarmView, now: Time) -> SceneUpdate:
             SceneEntity(now, FRAME, "links", lines=(line,) if links else ()),
             SceneEntity(now, FRAME, "setpoints", arrows=tuple(_arrows(view, size))),
             SceneEntity(now, FRAME, "zones", lines=tuple(_walls(view))),
+            *_targets(view, now, size),
         )
     )
 
@@ -152,6 +155,24 @@ def _walls(view: SwarmView) -> Iterator[LinePrimitive]:
             around = (*zone.outline_m, zone.outline_m[0])
             points = tuple(east_north_up((*corner, -height_m)) for corner in around)
             yield LinePrimitive(LINE_STRIP, _HERE, 2.0, True, points, _ZONE)
+
+
+def _targets(view: SwarmView, now: Time, size: float) -> Iterator[SceneEntity]:
+    """Each target as a ball with its name, the age of its news and how far the formation is off."""
+    ball = Vector3(2 * size, 2 * size, 2 * size)
+    for target in view.targets:
+        colour = _TARGET if target.age_s <= PREDICTED_S else _SILENT
+        up_m = target.up_m or 0.0
+        told = f"{target.name} {target.age_s:.1f} s"
+        told += f", {target.off_m:.1f} m off" if target.off_m is not None else ""
+        above = Pose(east_north_up((*target.at_m, -up_m - 2 * size)))
+        yield SceneEntity(
+            now,
+            FRAME,
+            f"target {target.name}",
+            spheres=(SpherePrimitive(Pose(east_north_up((*target.at_m, -up_m))), ball, colour),),
+            texts=(TextPrimitive(above, True, 14.0, True, _WHITE, told),),
+        )
 
 
 def _arrows(view: SwarmView, size: float) -> Iterator[ArrowPrimitive]:

@@ -30,6 +30,7 @@ from swarm_ctl.core.model.messages import (
     TargetWord,
 )
 from swarm_ctl.core.model.plan import Geodetic, GroupPlan, Plan, Point
+from swarm_ctl.core.model.targets import PREDICTED_S, STANDS_MPS
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
 from swarm_ctl.core.swarm.in_plan import InPlan
 from swarm_ctl.core.swarm.plausibility import SUSPECT_S
@@ -133,6 +134,8 @@ class _Moment:
     """|e_i - mean e| of each agent of the formation."""
     targets_m: dict[int, Point]
     """Each agent's slot, laid under the formation."""
+    centres: list[Point | None]
+    """Of each group's formation; None: it has none yet."""
 
 
 @dataclass(slots=True)
@@ -284,7 +287,7 @@ class Model:
                 CommandView(c.command, c.received_s, dict(c.acks)) for c in self._commands.values()
             ),
             stations=stations,
-            targets=tuple(self._seen(now_s)),
+            targets=tuple(self._seen(moment)),
             histories=self._history.view(),
             doubted={
                 agent_id: heard.doubt[0]
@@ -293,26 +296,49 @@ class Model:
             },
         )
 
-    def _seen(self, now_s: float) -> Iterator[TargetView]:
+    def _seen(self, moment: _Moment) -> Iterator[TargetView]:
         for name, heard in self._targets.items():
             if heard is None:
                 continue
             word, received_s = heard
             told = Geodetic(word.latitude_deg, word.longitude_deg, word.altitude_m or 0.0)
-            north, east, _ = ned_from_geodetic(told, self._plan.origin)
-            age_s = max(0.0, now_s - received_s) + word.age_s
-            yield TargetView(name, (north, east), age_s, word.teller)
+            north, east, down = ned_from_geodetic(told, self._plan.origin)
+            age_s = max(0.0, moment.now_s - received_s) + word.age_s
+            flies = complex(*(word.velocity_ned_mps or (0.0, 0.0))[:2])
+            at = complex(north, east) + flies * min(age_s, PREDICTED_S)
+            yield TargetView(
+                name,
+                (at.real, at.imag),
+                age_s,
+                word.teller,
+                up_m=None if word.altitude_m is None else -down,
+                off_m=self._off(name, at, flies, moment),
+            )
+
+    def _off(self, name: str, at: complex, flies: complex, moment: _Moment) -> float | None:
+        """How far a formation's centre is from its place about this target; None: none follows it,
+        or it has no course where that counts."""
+        for group, k, centre in zip(self._plan.groups, moment.steps, moment.centres, strict=True):
+            step = group.steps[k - 1].follows if 0 < k <= len(group.steps) else None
+            if step is None or step.target != name or centre is None or self._overridden():
+                continue
+            if step.in_course and abs(flies) < STANDS_MPS:
+                continue
+            turn = flies / abs(flies) if step.in_course else 1.0
+            return abs(complex(*centre) - at - complex(*step.offset_m) * turn)
+        return None
 
     def _moment(self, now_s: float) -> _Moment:
         after_s = self._plan.policies.agent_lost_after_s
         lost = {agent_id for agent_id, heard in self._heard.items() if heard.lost(now_s, after_s)}
         steps = [self._step(group) for group in self._plan.groups]
         formation = {i for i, heard in self._heard.items() if heard.in_formation} - lost
-        away_m, targets_m = dict[int, float](), dict[int, Point]()
+        away_m, targets_m, centres = dict[int, float](), dict[int, Point](), list[Point | None]()
         for group, step in zip(self._plan.groups, steps, strict=True):
-            away, targets = self._errors(group, step, formation)
+            away, targets, centre = self._errors(group, step, formation)
             away_m |= away
             targets_m |= targets
+            centres.append(centre)
         return _Moment(
             now_s,
             lost,
@@ -321,6 +347,7 @@ class Model:
             formation=formation,
             away_m=away_m,
             targets_m=targets_m,
+            centres=centres,
         )
 
     def _step(self, group: GroupPlan) -> int:
@@ -356,13 +383,13 @@ class Model:
 
     def _errors(
         self, group: GroupPlan, step: int, formation: set[int]
-    ) -> tuple[dict[int, float], dict[int, Point]]:
+    ) -> tuple[dict[int, float], dict[int, Point], Point | None]:
         """|e_i - mean e| [m] of each agent that flies in a group's formation, in the shape of the
-        newest `form` step, and where each slot lies with their mean error taken out; both empty
-        before the first one."""
+        newest `form` step; where each slot lies with their mean error taken out; and where the
+        shape's centre is. Empty, and None, before the first one."""
         shape = self._shape(group, step)
         if shape is None:
-            return {}, {}
+            return {}, {}, None
         slots, points = {}, {}
         in_roles = not self._overridden()  # an operator's shape gives each agent its own slot
         for k, agent in enumerate(group.agents):
@@ -376,12 +403,12 @@ class Model:
             if agent.id in formation:
                 points[agent.id] = state.position_ned_m[:2]
         if not points:
-            return {}, {}
+            return {}, {}, None
         away = errors(list(points.values()), [slots[i] for i in points])
         sizes = np.linalg.norm(centred(away), axis=-1)
         north, east = np.mean(away, axis=0).tolist()
         targets = {i: (slot[0] + north, slot[1] + east) for i, slot in slots.items()}
-        return dict(zip(points, sizes.tolist(), strict=True)), targets
+        return dict(zip(points, sizes.tolist(), strict=True)), targets, (north, east)
 
     def _shape(self, group: GroupPlan, step: int) -> dict[int, Point] | None:
         """The newest slots, centred: an operator's since the mission's step began, or the

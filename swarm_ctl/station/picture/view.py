@@ -178,9 +178,13 @@ class TargetView:
 
     name: str
     at_m: Point
-    """(north, east)."""
+    """(north, east), carried on with its velocity for a second at most."""
     age_s: float
     teller: str
+    up_m: float | None = None
+    """Above the origin; None: not known."""
+    off_m: float | None = None
+    """How far the centre of the formation that follows it is from its place about it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import inspect
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 from itertools import pairwise
 from typing import Any
 
 import pytest
 
-from swarm_ctl.core.model.frames import ned_from_geodetic
+from swarm_ctl.core.model.frames import geodetic_from_ned, ned_from_geodetic
+from swarm_ctl.core.model.messages import TargetWord
 from swarm_ctl.core.model.plan import Geodetic
+from swarm_ctl.core.model.targets import TargetPlan
 from swarm_ctl.recording.topics import Derived
 from swarm_ctl.station.foxglove import desk as desks
 from swarm_ctl.station.foxglove import messages
@@ -71,6 +73,24 @@ def test_a_vehicle_is_at_one_place_on_map_and_in_the_scene(shown: list[Derived])
     place = Geodetic(fix["latitude"], fix["longitude"], fix["altitude"])
     assert ned_from_geodetic(place, PLAN.origin) == pytest.approx((north, east, -up), abs=0.02)
     assert fix["frame_id"] == moved["child_frame_id"] == "agent_2"
+
+
+def test_a_target_is_in_the_scene_with_the_age_of_its_news() -> None:
+    """At its height; grey, once its news is old."""
+    desk = Desk(replace(PLAN, targets=(TargetPlan("boat"),)), START_NS)
+    at = geodetic_from_ned((60.0, 70.0, -5.0), PLAN.origin)
+    word = TargetWord("boat", at.lat_deg, at.lon_deg, 0.25, altitude_m=at.alt_m, station="boat.1")
+    shown = [made for heard_s, payload in said() for made in desk.hear(payload, heard_s)]
+    last_s = said()[-1][0]
+    shown += desk.hear(word, last_s)
+    for later_s, words in ((0.5, "boat 0.8 s"), (9.0, "boat 9.2 s")):
+        shown += desk.hear(replace(word, name="stranger"), last_s + later_s)
+        entities = told(shown, desks.FORMATION)["entities"]
+        (boat,) = (e for e in entities if e["id"] == "target boat")
+        assert boat["texts"][0]["text"] == words
+        place = boat["spheres"][0]["pose"]["position"]
+        assert (place["x"], place["y"], place["z"]) == pytest.approx((70.0, 60.0, 5.0), abs=0.05)
+    assert told(shown, desks.FIGURES)["targets"][0]["age_s"] == pytest.approx(9.25)
 
 
 def test_the_scene_has_keep_out_discs_slots_links_and_trails(shown: list[Derived]) -> None:

@@ -379,6 +379,7 @@ def test_a_target_is_on_the_map_with_the_age_of_old_news() -> None:
     assert (seen.name, seen.teller) == ("boat", "boat.1")
     assert seen.at_m == pytest.approx((60.0, 70.0), abs=0.01)
     assert seen.age_s == pytest.approx(0.7)
+    assert seen.up_m is None
     for now_s, words in ((10.2, "◎ boat "), (16.0, "◎ boat 6 s ago")):
         drawn = "\n".join(line.text for line in map_lines(Picture(model.view(now_s)), 60, 20))
         assert words in drawn

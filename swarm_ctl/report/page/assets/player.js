@@ -222,6 +222,7 @@
       pen.lineJoin = "round";
       this.ground(pen, width, height);
       for (const run of runs) this.below(pen, run);
+      for (const run of runs) this.targets(pen, run);
       for (const run of runs) this.vehicles(pen, run);
     }
     below(pen, run) {
@@ -238,6 +239,28 @@
       nearPairs(run, (a, b, hit) => path(pen,
         [a, b].map((one) => this.place(one.north, one.east, one.up)),
         hit ? ink.hit : ink.near, hit ? 4 : 2));
+    }
+    // A ring with a point: where news puts it now, and how old that is where it is old.
+    targets(pen, run) {
+      for (const target of run.targets) {
+        const t = time + run.zero_s, k = before(target.times, t);
+        if (!target.times.length || target.times[k] > t) continue;
+        const next = target.at[k + 1], age = t - target.times[k];
+        const gap = next ? target.times[k + 1] - target.times[k] : Infinity;
+        const share = gap < 2 ? age / gap : 0; // else it stays where it was last told to be
+        const [n, e, d] = target.at[k].map((low, c) => low + share * ((next || target.at[k])[c] - low));
+        const from = before(target.times, t - Number(part("trails").value));
+        path(pen, target.at.slice(from, k + 1).map(([a, b, c]) => this.place(a, b, -c)), ink.ink, 1, [2, 3]);
+        const [x, y] = this.place(n, e, -d);
+        for (const radius of [2, 6]) {
+          pen.beginPath();
+          pen.arc(x, y, radius, 0, 2 * Math.PI);
+          pen.strokeStyle = ink.ink;
+          pen.lineWidth = 1.5;
+          pen.stroke();
+        }
+        words(pen, age > 1 ? `${target.name}, ${age.toFixed(0)} s ago` : target.name, x + 9, y + 4, ink.axis);
+      }
     }
     vehicles(pen, run) {
       const shown = run.now.map((one, i) => ({ one, i, at: this.place(one.north, one.east, one.up) }))
@@ -375,6 +398,7 @@
     const points = [];
     for (let at = 0; at < run.places.length; at += 3)
       points.push([run.places[at], run.places[at + 1], -run.places[at + 2]]);
+    for (const target of run.targets) points.push(...target.at.map(([n, e, d]) => [n, e, -d]));
     return points;
   }));
 

@@ -243,6 +243,8 @@ class _Drawing:
             x, y = self.scale.dot(target.at_m)
             old = target.age_s > PREDICTED_S
             age = f" {target.age_s:.0f} s ago" if old else ""
+            if not old and target.off_m is not None:
+                age = f" {target.off_m:.1f} m off"
             style = "bold yellow" if old else "bold"
             self.canvas.words(int(x // 2), int(y // 4), f"◎ {target.name}{age}", style)
 

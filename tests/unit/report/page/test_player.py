@@ -15,7 +15,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from swarm_ctl.core.model.frames import geodetic_from_ned
+from swarm_ctl.core.model.messages import TargetWord
 from swarm_ctl.core.model.plan import Zone
+from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.report.page.html_page import make_comparison, make_report
 from swarm_ctl.report.page.player import OFF_M, player
 from swarm_ctl.report.page.run_history import HeardMessages, RunHistory, read_history
@@ -105,6 +108,49 @@ def test_zones_are_shown_while_they_hold(history: RunHistory) -> None:
     assert [(zone["name"], zone["since"], zone["until"]) for zone in run["zones"]] == [
         ("a", None, None)
     ]
+
+
+def followed(history: RunHistory, off_m: tuple[float, float]) -> RunHistory:
+    """The same flight, its hold being a `follow` of a boat that is so far from the centre, by words
+    at 5 Hz of which three seconds are lost."""
+    step = FollowStep("boat", (0.0, 0.0), False, 5.0, 30.0, timeout_s=60.0)
+    (group,) = history.plan.groups
+    steps = (*group.steps[: K - 1], step, *group.steps[K:])
+    plan = replace(history.plan, groups=(replace(group, steps=steps),))
+    words = []
+    for time_s, places in zip(
+        history.flight.time_s[::2], history.flight.points_m[::2], strict=True
+    ):
+        north, east = np.nanmean(places, axis=0) + off_m
+        at = geodetic_from_ned((north, east, 0.0), history.plan.origin)
+        if not GAP[0] < time_s < GAP[1]:
+            word = TargetWord("boat", at.lat_deg, at.lon_deg, 0.1, altitude_m=at.alt_m, agent=1)
+            words.append((float(time_s), word))
+    manifest = history.manifest.model_copy(update={"plan": plan})
+    run = replace(history.run, manifest=manifest)
+    heard = replace(history.heard, targets={"boat": words})
+    return replace(history, run=run, manifest=manifest, heard=heard)
+
+
+K, GAP = 3, (34.0, 37.0)
+
+
+def test_a_target_is_where_its_words_say(history: RunHistory) -> None:
+    """Five metres from the formation's centre: so far off are its vehicles' places, and where
+    nothing was told, nothing is known."""
+    flown = followed(history, (3.0, -4.0))
+    (target,) = data_of(player([(flown, [])]))["runs"][0]["targets"]
+    assert target["name"] == "boat"
+    centre = np.nanmean(history.flight.points_m[::2], axis=1)[0]
+    assert target["at"][0][:2] == pytest.approx(centre + np.array((3.0, -4.0)), abs=0.02)
+    times, off_m = history.flight.time_s, flown.off_targets()
+    group = flown.run.groups[0]
+    during = (times >= group.start_s(K)) & (times <= group.landing_s())
+    known = during & ((times < GAP[0]) | (times > GAP[1] + 0.2))
+    errors_m = np.linalg.norm(history.deviations(), axis=-1)
+    assert np.nanmax(np.abs(off_m[known] - 5.0)) <= np.nanmax(errors_m[known]) + 0.05
+    assert np.isnan(off_m[during & (times > GAP[0] + 0.2) & (times < GAP[1] - 0.2)]).all()
+    assert np.isnan(off_m[times < group.start_s(K)]).all()
 
 
 def test_only_the_players_own_script_may_run(pages: tuple[Path, Path], history: RunHistory) -> None:
