@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -164,6 +165,35 @@ def test_a_receiver_that_speaks_once_a_second_is_followed() -> None:
     boat.fly(math.inf, every_s=1.0, late_s=0.3)
     assert boat.rms_m < 0.8
     assert boat.outcomes() == {Outcome.COMPLETED}
+
+
+def test_a_receiver_that_tells_no_speed_is_followed_by_its_places() -> None:
+    """It tells 0, as some do that do not know it."""
+    boat = Boat(lambda seconds: (straight(seconds)[0], 0j))
+    boat.fly(math.inf)
+    assert boat.rms_m < 0.6
+    assert boat.said("off that of its places: the places count")
+
+
+def test_after_a_target_that_circles_at_thrice_its_speed_the_formation_flies_no_faster() -> None:
+    """As stop points are ahead of vehicles the formation is put ahead of its target: by as much as
+    it flies itself, not by what such a target would need."""
+
+    def plane(seconds: float) -> tuple[complex, complex]:
+        turn = complex(math.cos(0.3 * seconds), math.sin(0.3 * seconds))
+        return 10 + 5j + 50 * (turn - 1) * -1j, 15 * turn
+
+    boat, frames = Boat(plane), list[complex]()
+
+    def note() -> None:
+        frame = boat.swarm.members[1].agent._group.reference.frame
+        if frame is not None:
+            frames.append(complex(*frame.point_m))
+
+    boat.swarm.after_tick = note
+    boat.fly(30.0)
+    moved = max(abs(b - a) for a, b in itertools.pairwise(frames)) / boat.swarm.plan.tick_s
+    assert 4.5 < moved < 7.5
 
 
 def test_a_target_that_falls_silent_is_waited_for_and_found_again_without_a_jump() -> None:

@@ -49,6 +49,18 @@ _TELLS_S: Final = 0.2
 _JUMP_M: Final = 5.0
 _JUMP_MPS: Final = 3.0
 """A word may be so far from where the last ones lead, and so much farther a second since."""
+_HEIGHT_JUMP_M: Final = 10.0
+_CLIMBS_MPS: Final = 10.0
+"""The same of its height: a receiver's is off by more than its place, and aircraft climb so."""
+_UNLIKE_MPS: Final = 1.0
+"""So much may a told velocity differ from that of the told places, beside what their noise makes
+of it. Some receivers tell 0 for what they do not know."""
+_UNLIKE_WORDS: Final = 4
+"""Fewer words tell no velocity by their places ..."""
+_UNLIKE_SPAN_S: Final = 0.5
+"""... nor do those of a shorter time."""
+_UNLIKE_MEAN: Final = 20
+"""The mean over so many comparisons counts: noise goes, what is told wrongly stays."""
 _INSISTS_S: Final = 2.0
 _SAYS_S: Final = 2.0
 """A target that is silent for longer is said to be: a few words in a row are often lost."""
@@ -88,6 +100,10 @@ class Tracker:
     _found: list[str] = field(default_factory=list)
     """What is to be said."""
     _estimate: TargetNow | None = None
+    _unlike: complex = 0j
+    """How far the told velocities are from those of the places, in the mean ..."""
+    _compared: int = 0
+    """... of so many comparisons."""
 
     def hear(self, word: Sighting) -> bool:
         """Take a word in, if it is believed; older ones than the newest are dropped."""
@@ -97,12 +113,17 @@ class Tracker:
             self._found.append(absurd)
             return False
         why = self._doubt(word)
-        if why and not self._insists(word):
+        silent = bool(self.words) and word.true_s - self.words[-1].true_s >= _INSISTS_S
+        goes_on = (bool(why) or silent) and self._insists(word)
+        if why and not goes_on:
             self._found.append(why)
             return False
-        if why:
-            self._found.append(f"is believed again, {abs(word.at - self.words[-1].at):.0f} m away")
-            self.words = self._others
+        if goes_on:
+            if why:
+                away_m = abs(word.at - self.words[-1].at)
+                self._found.append(f"is believed again, {away_m:.0f} m away")
+            # what was believed before led elsewhere, and so did its velocity
+            self.words, self._compared = self._others[:-1], 0
         self._others = []
         self.words = [w for w in self.words if word.true_s - w.true_s <= _WINDOW_S]
         self.words = [*self.words, word][-_KEPT:]
@@ -134,11 +155,19 @@ class Tracker:
         gone_m = (_JUMP_MPS + 2.0 * abs(known.velocity)) * max(0.0, silent_s - PREDICTED_S)
         most_m = _JUMP_M + 2.0 * word.accuracy_m + _JUMP_MPS * silent_s + gone_m
         if away_m <= most_m:
-            return ""
+            return self._doubt_height(word, known.height_m, silent_s)
         last = self.words[-1].teller
         if word.teller != last and silent_s < _INSISTS_S:
             return f"is told by two, {last} and {word.teller}, {away_m:.0f} m apart"
         return f"jumped by {away_m:.0f} m by the word of {word.teller}"
+
+    def _doubt_height(self, word: Sighting, last_m: float | None, silent_s: float) -> str:
+        if last_m is None or word.height_m is None:
+            return ""
+        off_m = abs(word.height_m - last_m)
+        if off_m <= _HEIGHT_JUMP_M + 2.0 * word.accuracy_m + _CLIMBS_MPS * silent_s:
+            return ""
+        return f"jumped by {off_m:.0f} m in height by the word of {word.teller}"
 
     def _insists(self, word: Sighting) -> bool:
         """Such words go on, from one place, and nobody says otherwise."""
@@ -156,8 +185,9 @@ class Tracker:
         times = [word.true_s - last.true_s for word in words]
         velocities = [word.velocity for word in words]
         told = [v for v in velocities if v is not None]
-        if len(told) < len(words):
-            told = [_slope(times, [word.at for word in words])] * len(words)
+        by_places = _slope(times, [word.at for word in words])
+        if len(told) < len(words) or self._contradicts(times, told, by_places):
+            told = [by_places] * len(words)
         every_s = -times[0] / max(len(times) - 1, 1)
         middle_s = sum(times) / len(times)
         mean = sum(told) / len(told)
@@ -182,6 +212,23 @@ class Tracker:
             for word, v, t in zip(words, told, times, strict=True)
         ]
         return blank._replace(at=sum(carried) / len(carried))
+
+    def _contradicts(
+        self, times: Sequence[float], told: Sequence[complex], by_places: complex
+    ) -> bool:
+        """The told velocities are not those of the told places: then the places count."""
+        span_s = -times[0]
+        if len(times) < _UNLIKE_WORDS or span_s < _UNLIKE_SPAN_S:
+            return False
+        flies = sum(told) / len(told)
+        self._compared = min(self._compared + 1, _UNLIKE_MEAN)
+        self._unlike += (flies - by_places - self._unlike) / self._compared
+        noise_mps = self.words[-1].accuracy_m / span_s
+        if abs(self._unlike) <= _UNLIKE_MPS + noise_mps * (1.0 + 4.0 / self._compared):
+            return False
+        off = f"tells a velocity {abs(self._unlike):.1f} m/s off that of its places"
+        self._found.append(f"{off}: the places count")
+        return True
 
     def _turns(self, times: Sequence[float], told: Sequence[complex]) -> float:
         """How fast the course turns, by the velocities."""

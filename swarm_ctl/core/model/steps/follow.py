@@ -87,8 +87,10 @@ class FollowStep(Step):
             velocity += 1j * target.turns * offset * course
         else:
             at += offset
-        coasts = velocity / max(abs(velocity), 1e-9) * stops.coast_m(abs(velocity))
-        lags = velocity * stops.lag_s
+        # of a target that is faster, the formation flies as fast as it may
+        flown = velocity * (self.speed_mps / max(abs(velocity), self.speed_mps))
+        coasts = flown / max(abs(flown), 1e-9) * stops.coast_m(abs(flown))
+        lags = flown * stops.lag_s
         at += stops.trim_m * course
         turns = 1j * target.turns
         return at + coasts, velocity + turns * lags, turns * (coasts - lags)

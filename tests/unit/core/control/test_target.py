@@ -116,6 +116,52 @@ def test_a_place_that_is_told_on_and_on_is_believed_in_the_end() -> None:
     assert abs(known.at - 80j) < 0.5
 
 
+def test_a_velocity_that_the_places_contradict_is_not_flown() -> None:
+    """A receiver tells 0 for what it does not know; another one is turned round."""
+    for told in (0j, -3 + 0j, 3j, 40 + 0j):
+        tracker = Tracker("boat")
+        for k in range(40):
+            tracker.hear(word(k * EVERY_S, 3.0 * k * EVERY_S + 0j, told))
+        known = tracker.now(39 * EVERY_S)
+        assert known is not None
+        assert abs(known.velocity - 3.0) < 0.01
+        assert abs(known.at - 3.0 * 39 * EVERY_S) < 0.01
+        assert any("off that of its places: the places count" in t for t in tracker.take_said())
+
+
+@pytest.mark.parametrize(
+    ("every_s", "accuracy_m"), [(0.2, 0.5), (0.2, 3.0), (1.0, 0.5), (1.0, 3.0)]
+)
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_of_the_places_contradicts_no_velocity(
+    every_s: float, accuracy_m: float, seed: int
+) -> None:
+    """Two minutes of places with all the noise that is told of them; it speeds up and turns."""
+    tracker, dice, at = Tracker("boat"), random.Random(seed), 0j
+    for k in range(round(120.0 / every_s)):
+        velocity = (3.0 + 2.0 * math.sin(0.5 * k * every_s)) * cmath.exp(0.1j * k * every_s)
+        at += velocity * every_s
+        off = complex(dice.gauss(0, accuracy_m), dice.gauss(0, accuracy_m)) / math.sqrt(2.0)
+        tracker.hear(word(k * every_s, at + off, velocity)._replace(accuracy_m=accuracy_m))
+    assert tracker.take_said() == []
+
+
+def test_a_jump_in_height_is_not_believed_until_it_goes_on() -> None:
+    tracker = tracked(5.0, 0.0)
+    heard = [
+        tracker.hear(word(t, 5.0 * t + 0j, 5.0 + 0j)._replace(height_m=90.0))
+        for t in (2.4 + k * EVERY_S for k in range(20))
+    ]
+    assert heard.index(True) * EVERY_S == pytest.approx(2.0, abs=0.41)
+    assert "jumped by 90 m in height by the word of boat" in tracker.take_said()
+
+
+def test_an_aircraft_that_climbs_is_believed() -> None:
+    tracker = Tracker("plane")
+    for k in range(20):
+        assert tracker.hear(word(k * 1.0, 20.0 * k + 0j, 20.0 + 0j)._replace(height_m=8.0 * k))
+
+
 def test_after_a_long_silence_it_is_found_where_it_may_have_gone() -> None:
     tracker = tracked(5.0, 0.0)
     assert tracker.hear(word(12.2, 11.0 + 40j, 5j))
