@@ -50,6 +50,7 @@ from swarm_ctl.station.dashboard.panes.links_pane import LinksPane
 from swarm_ctl.station.dashboard.panes.log_pane import LogPane
 from swarm_ctl.station.dashboard.panes.pane import Pane
 from swarm_ctl.station.dashboard.panes.sigma_pane import SigmaPane
+from swarm_ctl.station.dashboard.panes.swarm_map import SIDES
 from swarm_ctl.station.dashboard.panes.swarm_pane import SwarmPane
 from swarm_ctl.station.dashboard.styles import CSS
 from swarm_ctl.station.dashboard.themes import DARK, LIGHT, LIGHT_INKS, PLAIN, by_background
@@ -423,6 +424,9 @@ class Dashboard(App[None]):
 
     def action_metric_next(self) -> None:
         self._choose(metric=_after(self._chosen.metric, tuple(METRICS)))
+
+    def action_turn_map(self) -> None:
+        self._choose(seen_from=_after(self._chosen.seen_from, tuple(SIDES)))
 
     def action_level_next(self) -> None:
         self._choose(log_level=_after(self._chosen.log_level, _LEVELS))

@@ -35,7 +35,8 @@ a A | next alarm or warning, the last one
 : | go to a time: 83, 1:23, +10, -10, end; or click on the line below
 1 2 3 4 ? | screens: swarm, links, sigma, log, help; also tab, or a click
 ↑ ↓ | move the cursor, or the lines of a screen
-s S v / w | sort, reverse the order; what the link matrix shows; filter the log by words, by level
+s S v / w | sort, reverse the order; swarm: where the map is seen from, links: what the matrix
+  shows; filter the log by words, by level
 t q | light or dark; leave
 replay | {_NO_ORDERS}; alarms come as they would have come in flight
 """
@@ -53,6 +54,8 @@ def _bindings() -> list[BindingType]:
         Binding("colon", "command('')", "go to"),
         Binding("q", "leave", "leave"),
         Binding("slash", "look_for", show=False),
+        Binding("v", "metric_next", show=False),
+        Binding("v", "turn_map", show=False),
         Binding("ctrl+c", "interrupt", show=False),
         Binding("ctrl+q", "leave", show=False),
     ]
@@ -68,7 +71,6 @@ def _bindings() -> list[BindingType]:
         "0": "usual_speed",
         "s": "sort_next",
         "S": "sort_turn",
-        "v": "metric_next",
         "w": "level_next",
         "t": "theme",
     }

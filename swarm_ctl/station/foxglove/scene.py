@@ -124,14 +124,14 @@ def formation(view: SwarmView, now: Time) -> SceneUpdate:
 
 
 def trails(view: SwarmView, now: Time) -> SceneUpdate:
-    """Where the vehicles came from, on the height that they have now."""
+    """Where the vehicles came from."""
     lines = tuple(
         LinePrimitive(
             LINE_STRIP,
             _HERE,
             1.5,
             True,
-            tuple(_at(point, state) for point in points[-_TRAIL_POINTS:]),
+            tuple(east_north_up(point) for point in points[-_TRAIL_POINTS:]),
             _FLIES,
         )
         for state in _states(view)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Final, TypeVar
 
 from swarm_ctl.core.model.messages import AgentState, AgentStatus, LinkReport, SigmaReport
-from swarm_ctl.core.model.plan import Point
+from swarm_ctl.core.model.vehicle import Vector3
 
 TRAIL_EVERY_S: Final = 0.5
 TRAIL_POINTS: Final = 80
@@ -54,8 +54,8 @@ class PairSeries:
 class Histories:
     """What a view shows of the past."""
 
-    trails: Mapping[int, tuple[Point, ...]] = field(default_factory=dict)
-    """(north, east) [m] by agent, oldest first."""
+    trails: Mapping[int, tuple[Vector3, ...]] = field(default_factory=dict)
+    """(north, east, down) [m] by agent, oldest first."""
     links: Mapping[tuple[int, int], LinkSeries] = field(default_factory=dict)
     """By (receiver, sender)."""
     pairs: Mapping[tuple[int, int], PairSeries] = field(default_factory=dict)
@@ -70,7 +70,7 @@ class HistoryKeeper:
 
     def __init__(self, known: Container[int]) -> None:
         self._known = known
-        self._trails: dict[int, tuple[Point, ...]] = {}
+        self._trails: dict[int, tuple[Vector3, ...]] = {}
         self._due: dict[int, float] = {}
         self._links: dict[tuple[int, int], LinkSeries] = {}
         self._pairs: dict[tuple[int, int], PairSeries] = {}
@@ -80,9 +80,8 @@ class HistoryKeeper:
         """Add a point to the agent's trail, if it is time."""
         if state.time_s >= self._due.get(state.agent, 0.0):
             self._due[state.agent] = state.time_s + TRAIL_EVERY_S
-            north, east, _ = state.position_ned_m
             self._trails[state.agent] = _put(
-                self._trails.get(state.agent, ()), (north, east), TRAIL_POINTS
+                self._trails.get(state.agent, ()), state.position_ned_m, TRAIL_POINTS
             )
 
     def status(self, status: AgentStatus) -> None:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import Final
 
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Ack, Command, Event, Phase
+from swarm_ctl.core.model.targets import TargetPlan
 from swarm_ctl.station.picture.model import Model
-from swarm_ctl.station.picture.view import SwarmView
+from swarm_ctl.station.picture.view import SwarmView, TargetView
 from tests.unit.station.swarm import flying_model, hexagon_plan, state_of, status_of
 
 PLAN: Final = hexagon_plan()
@@ -69,6 +71,21 @@ def lost() -> SwarmView:
 
 
 @cache
+def following() -> SwarmView:
+    """In three layers about a boat; of a van nothing is heard any more."""
+    model = flying_model(PLAN)
+    for agent in PLAN.agents:
+        height_m = 6.0 + 7.0 * (agent.id % 3)
+        north, east = agent.start[0] * PLAN.unit_m, agent.start[1] * PLAN.unit_m
+        place = {"position_ned_m": (north, east, -height_m - 0.2), "goal_height_m": height_m}
+        model.fold(state_of(PLAN, agent.id, 30.0, seq=1200, **place), 30.0)
+    boat = TargetView("boat", (52.0, 68.0), 0.4, "boat.1", up_m=0.3, off_m=1.24)
+    van = TargetView("van", (34.0, 52.0), 6.2, "van.1")
+    plan = replace(PLAN, targets=(TargetPlan("boat"), TargetPlan("van"), TargetPlan("car")))
+    return replace(model.view(30.0), plan=plan, targets=(boat, van))
+
+
+@cache
 def ended() -> SwarmView:
     """All down."""
     model = flying_model(PLAN)
@@ -92,6 +109,7 @@ PICTURES: Final[dict[str, Callable[[], SwarmView]]] = {
     "waiting": waiting,
     "well": well,
     "lost": lost,
+    "following": following,
     "ended": ended,
     "crowd": crowd,
 }

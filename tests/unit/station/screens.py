@@ -21,8 +21,14 @@ from swarm_ctl.station.picture.view import SwarmView
 from tests.unit.station.pictures import PICTURES
 
 SIZES: Final = ((80, 24), (160, 50))
-SHOWN: Final = {"well": SCREENS, "lost": SCREENS[:4], "crowd": SCREENS[:2], "waiting": SCREENS[:1]}
-"""Which screens of which picture."""
+SHOWN: Final = {
+    "well": SCREENS,
+    "lost": SCREENS[:4],
+    "crowd": SCREENS[:2],
+    "waiting": SCREENS[:1],
+    "following": ("swarm", "swarm-south", "swarm-east"),
+}
+"""Which screens of which picture; behind a dash where the map is turned to."""
 
 
 class Desk:
@@ -80,8 +86,11 @@ async def drawn(name: str, size: tuple[int, int], svgs: Path | None = None) -> d
     found = {}
     async with opened(PICTURES[name](), size) as (app, pilot, _):
         for screen in SHOWN[name]:
-            app.action_go(screen)
+            pane, _, turned = screen.partition("-")
+            app.action_go(pane)
             await settled(pilot)
+            if turned:
+                await pilot.press("v")
             found[screen] = text(app)
             for look, theme in (("dark", DARK), ("light", LIGHT)) if svgs else ():
                 app.theme = theme

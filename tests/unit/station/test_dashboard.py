@@ -155,7 +155,7 @@ def test_orders_by_key_go_to_all_or_to_the_marked() -> None:
 
 def test_a_zone_is_placed_on_the_map_by_keys_and_clicks() -> None:
     """Enter opens its order, which another Enter sends; Esc drops it. A key that it does not take
-    is the screen's: `h` holds."""
+    is the screen's: `h` holds. A map that is seen from a side is seen from above meanwhile."""
 
     async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
         await pilot.press("Z")
@@ -179,6 +179,8 @@ def test_a_zone_is_placed_on_the_map_by_keys_and_clicks() -> None:
         assert f":zone {' '.join(words)}" in text(app)
         await pilot.press("enter")
         assert desk.orders == [Order("hold"), Order("zone", words)]
+        await pilot.press("v")
+        assert "from the south, E→" in text(app)
         await pilot.press("Z")
         row, column = _find(app, "N↑")
         await pilot.click(offset=(column - 4, row + 1))

@@ -6,6 +6,7 @@ import json
 import math
 import re
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from swarm_ctl.core.model.messages import (
     TargetWord,
 )
 from swarm_ctl.core.model.targets import TargetPlan
+from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.swarm.gain_update import LEAD_S
 from swarm_ctl.runtime.station.ground_station import swarm_now
 from swarm_ctl.station.dashboard.bars import answers_line, title_line
@@ -36,14 +38,14 @@ from swarm_ctl.station.dashboard.drawing.styled_line import StyledLine, bar, blo
 from swarm_ctl.station.dashboard.drawing.widgets import Heading
 from swarm_ctl.station.dashboard.panes.link_matrix import METRICS, listener_lines
 from swarm_ctl.station.dashboard.panes.sigma_pane import budget_used
-from swarm_ctl.station.dashboard.panes.swarm_map import MapScale, fitted, map_lines, position
+from swarm_ctl.station.dashboard.panes.swarm_map import SIDES, MapScale, fitted, map_lines, position
 from swarm_ctl.station.output.json_lines import json_line
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.history import LOSS_WINDOW_S, LinkSeries
 from swarm_ctl.station.picture.link_quality import bad_links, judge, mesh_judgements
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.summaries import flown_order
-from swarm_ctl.station.picture.view import LinkView
+from swarm_ctl.station.picture.view import LinkView, SwarmView, TargetView
 from tests.unit.plans import steps_of
 from tests.unit.station.pictures import PICTURES, PLAN
 from tests.unit.station.swarm import flying_model, hexagon_plan, report_of, state_of, status_of
@@ -74,25 +76,37 @@ def test_whatever_is_drawn_stays_on_the_canvas(
     assert [len(line) for line in _text(canvas)] == [9] * 4
 
 
+@pytest.mark.parametrize("seen_from", SIDES)
 @pytest.mark.parametrize("size", [(80, 12), (60, 40), (8, 3)])
 @given(
-    st.lists(st.tuples(st.floats(-2000, 2000), st.floats(-2000, 2000)), min_size=6, max_size=6),
+    st.lists(
+        st.tuples(st.floats(-2000, 2000), st.floats(-2000, 2000), st.floats(-500, 20)),
+        min_size=6,
+        max_size=6,
+    ),
     st.none() | st.builds(NewZone, st.tuples(st.floats(-3000, 3000), st.just(0.0)), st.just(50.0)),
 )
 def test_the_map_shows_all_agents(
-    size: tuple[int, int], places: list[tuple[float, float]], new: NewZone | None
+    seen_from: str,
+    size: tuple[int, int],
+    places: list[tuple[float, float, float]],
+    new: NewZone | None,
 ) -> None:
-    """And the zone that is being placed."""
+    """From above and from each side; from above the zone that is being placed, too."""
     model = Model(PLAN)
-    for agent, (north, east) in zip(PLAN.agents, places, strict=True):
-        model.fold(state_of(PLAN, agent.id, 30.0, position_ned_m=(north, east, -10.0)), 30.0)
+    for agent, place in zip(PLAN.agents, places, strict=True):
+        goal_m = 3.0 - place[2]
+        state = state_of(PLAN, agent.id, 30.0, position_ned_m=place, goal_height_m=goal_m)
+        model.fold(state, 30.0)
     view = model.view(30.0)
-    scale = fitted(Picture(view, chosen=Chosen(new_zone=new)), *size)
-    points = [new.centre_m] if new else []
-    for shown in view.agents:
-        points += [position(shown), shown.target_m or position(shown)]
-    for point in points:
-        x, y = scale.dot(point)
+    scale = fitted(Picture(view, chosen=Chosen(new_zone=new, seen_from=seen_from)), *size)
+    assert scale.seen_from == ("above" if new else seen_from)
+    points = [(new.centre_m, 0.0)] if new else []
+    for shown, place in zip(view.agents, places, strict=True):
+        points += [(position(shown), place[2])]
+        points += [(shown.target_m, place[2] - 3.0)] if shown.target_m else []
+    for point, down_m in points:
+        x, y = scale.dot(point, down_m)
         assert -0.5 <= x <= 2 * size[0] + 0.5
         assert -0.5 <= y <= 4 * size[1] + 0.5
 
@@ -380,6 +394,69 @@ def test_a_target_is_on_the_map_with_the_age_of_old_news() -> None:
     assert seen.at_m == pytest.approx((60.0, 70.0), abs=0.01)
     assert seen.age_s == pytest.approx(0.7)
     assert seen.up_m is None
-    for now_s, words in ((10.2, "◎ boat "), (16.0, "◎ boat 6 s ago")):
+    for now_s, words in ((10.2, "◎ boat "), (16.0, "◎ boat 6 s ago"), (16.0, "boat 6.5 s")):
         drawn = "\n".join(line.text for line in map_lines(Picture(model.view(now_s)), 60, 20))
         assert words in drawn
+
+
+def _from(seen_from: str, view: SwarmView, size: tuple[int, int] = (70, 24)) -> list[str]:
+    picture = Picture(view, chosen=Chosen(seen_from=seen_from))
+    return [line.text for line in map_lines(picture, *size)]
+
+
+def _cell(lines: list[str], word: str) -> tuple[int, int]:
+    """(row, column) of a word that stands there once, above the scale bar."""
+    ((row, found),) = [
+        (row, match)
+        for row, line in enumerate(lines[:-1])
+        for match in re.finditer(rf"(?<!\d){word}(?!\d)", line)
+    ]
+    return row, found.start()
+
+
+def test_from_a_side_heights_go_up_and_stand_at_their_labels() -> None:
+    """From the south east is to the right, from the east north; a target is at its own height, and
+    its line tells the height and how far the formation is off."""
+    model = Model(PLAN)
+    for agent in PLAN.agents:
+        place = (10.0 * agent.id, -7.0 * agent.id, -5.0 * agent.id)
+        model.fold(state_of(PLAN, agent.id, 30.0, step=1, position_ned_m=place), 30.0)
+    plan = replace(PLAN, targets=(TargetPlan("boat"), TargetPlan("van")))
+    boat = TargetView("boat", (40.0, -28.0), 0.4, "boat.1", up_m=5.0, off_m=1.24)
+    view = replace(model.view(30.0), plan=plan, targets=(boat,))
+    for side, sign in (("south", -1), ("east", 1)):
+        lines = _from(side, view)
+        assert SIDES[side] in lines[-1]
+        assert lines[0].startswith(" boat 0.4 s · 5.0 m up · formation 1.2 m off")
+        assert lines[1].startswith(" van: not heard")
+        lines = lines[2:]
+        cells = [_cell(lines, f"{agent.id}(?! m)") for agent in PLAN.agents]
+        for (row, column), (higher, further) in pairwise(cells):
+            assert higher < row
+            assert sign * (further - column) > 0
+        rows = [_cell(lines, f"{height} m")[0] for height in (0, 10, 20, 30)]
+        assert [cells[1][0], cells[3][0], cells[5][0]] == rows[1:]
+        assert _cell(lines, "◎ boat")[0] == cells[0][0]
+
+
+def test_from_a_side_agents_behind_each_other_have_ids_side_by_side() -> None:
+    """A grid of 3 x 4 in two layers: each id stands there once, at its own height."""
+    plan = hexagon_plan(12)
+    model = Model(plan)
+    for k, agent in enumerate(plan.agents):
+        place = (10.0 * (k // 3), 10.0 * (k % 3), -10.0 - 5.0 * (k % 2))
+        model.fold(state_of(plan, agent.id, 30.0, step=1, position_ned_m=place), 30.0)
+    lines = _from("south", model.view(30.0))
+    rows = {height: _cell(lines, f"{height} m")[0] for height in (10, 15)}
+    for k, agent in enumerate(plan.agents):
+        assert _cell(lines, f"{agent.id}(?! m)")[0] == rows[10 + 5 * (k % 2)]
+
+
+def test_from_a_side_a_zone_stands_from_floor_to_ceiling() -> None:
+    tower = Zone("tower", ((60.0, 60.0),), 5.0, 1.0, ceiling_m=8.0)
+    bridge = Zone("bridge", ((60.0, 60.0),), 5.0, 1.0, floor_m=14.0)
+    model = flying_model(replace(PLAN, zones=(tower, bridge)))
+    high = state_of(PLAN, 1, 30.1, seq=2000, position_ned_m=(70.0, 80.0, -20.0))
+    model.fold(high, 30.1)
+    south = _from("south", model.view(30.1))
+    assert _cell(south, "tower")[0] > _cell(south, "10 m")[0] > _cell(south, "bridge")[0]

@@ -31,6 +31,8 @@ class Chosen:
     backwards: bool = False
     metric: str = "age"
     """What the link matrix shows, a key of `link_matrix.METRICS`."""
+    seen_from: str = "above"
+    """Where the map is seen from, a key of `swarm_map.SIDES`."""
     log_words: str = ""
     """Only entries with these words."""
     log_level: Level = Level.WELL

@@ -28,7 +28,7 @@ KEYS: Final = """
 Z | place a zone on the map: arrows (shift: further) or a click move it, + - size it, Enter
   opens its order, Esc drops it
 s S | sort by the next column, reverse the order; or click a title
-v | links: what the matrix shows
+v | swarm: the map from above, from the south, from the east; links: what the matrix shows
 / w | log: filter by words, by level
 x | acknowledge alarms: they stay, and no longer count as new
 : | command line; tab completes, ↑ brings the last one back, esc leaves it
@@ -39,7 +39,9 @@ mouse | a screen's name, a title of the table, an agent in the table or map, a k
 """
 SIGNS: Final = f"""
 map | number: agent, ○ slot to fill, dots: the agent's trail, circle: half of r_out (where two
-  touch, avoidance begins); red outlines: fence and zones
+  touch, avoidance begins); red outlines: fence and zones; ◎ target, and in the corner how old the
+  news of it is, its height, and how far the formation's centre is off its place about it
+from a side | heights above the origin at the left, on a scale of their own
 lines | neighbours; green well, yellow bad or nearly too long, red lost
 table | up: height; error: distance from its place in the shape; nearest: how near which agent is;
   age: of its last state; late: of its ticks, the p99. Dimmed: it ended, or follows another agent
