@@ -9,7 +9,6 @@ from typing import Final
 
 from swarm_ctl.core.model.messages import AgentState
 from swarm_ctl.core.model.plan import Point
-from swarm_ctl.core.model.targets import PREDICTED_S
 from swarm_ctl.core.model.vehicle import Vector3 as Ned
 from swarm_ctl.station.foxglove.messages import (
     LINE_LIST,
@@ -161,7 +160,7 @@ def _targets(view: SwarmView, now: Time, size: float) -> Iterator[SceneEntity]:
     """Each target as a ball with its name, the age of its news and how far the formation is off."""
     ball = Vector3(2 * size, 2 * size, 2 * size)
     for target in view.targets:
-        colour = _TARGET if target.age_s <= PREDICTED_S else _SILENT
+        colour = _TARGET if target.fresh else _SILENT
         up_m = target.up_m or 0.0
         told = f"{target.name} {target.age_s:.1f} s"
         told += f", {target.off_m:.1f} m off" if target.off_m is not None else ""

@@ -10,10 +10,10 @@ from typing import Final
 
 import numpy as np
 
+from swarm_ctl.core.control.target import Targets
 from swarm_ctl.core.law.formation import apart_in_height, centred, distances, errors
 from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.formation_frame import Frame
-from swarm_ctl.core.model.frames import ned_from_geodetic
 from swarm_ctl.core.model.geometry import centred as centred_slots
 from swarm_ctl.core.model.geometry import turned
 from swarm_ctl.core.model.messages import (
@@ -29,8 +29,9 @@ from swarm_ctl.core.model.messages import (
     StationBeacon,
     TargetWord,
 )
-from swarm_ctl.core.model.plan import Geodetic, GroupPlan, Plan, Point
-from swarm_ctl.core.model.targets import PREDICTED_S, STANDS_MPS
+from swarm_ctl.core.model.plan import GroupPlan, Plan, Point
+from swarm_ctl.core.model.steps.follow import FollowStep
+from swarm_ctl.core.model.targets import TargetNow
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
 from swarm_ctl.core.swarm.in_plan import InPlan
 from swarm_ctl.core.swarm.plausibility import SUSPECT_S
@@ -166,10 +167,10 @@ class Model:
         self._event_count = 0
         self._commands: dict[str, _Answered] = {}
         self._stations: dict[str, float] = {}
-        self._targets: dict[str, tuple[TargetWord, float] | None] = {
-            target.name: None for target in plan.targets
-        }
-        """The newest word of each, and when it came."""
+        self._targets = Targets(plan, own_id=0)
+        """Believed as an agent believes them that hears the same words."""
+        self._tellers: dict[str, str] = {}
+        """Whose word of each target was believed last."""
         self._history = HistoryKeeper(self._heard)
 
     def states(self, now_s: float) -> tuple[AgentState, ...]:
@@ -226,8 +227,7 @@ class Model:
                 if payload.command in self._commands:
                     self._commands[payload.command].acks[payload.agent] = payload
             case TargetWord():
-                if payload.name in self._targets:
-                    self._targets[payload.name] = payload, received_s
+                self._sight(payload, received_s)
             case StationBeacon():
                 self._stations[payload.station] = received_s
                 if len(self._stations) > _STRANGERS:
@@ -296,37 +296,48 @@ class Model:
             },
         )
 
-    def _seen(self, moment: _Moment) -> Iterator[TargetView]:
-        for name, heard in self._targets.items():
-            if heard is None:
-                continue
-            word, received_s = heard
-            told = Geodetic(word.latitude_deg, word.longitude_deg, word.altitude_m or 0.0)
-            north, east, down = ned_from_geodetic(told, self._plan.origin)
-            age_s = max(0.0, moment.now_s - received_s) + word.age_s
-            flies = complex(*(word.velocity_ned_mps or (0.0, 0.0))[:2])
-            at = complex(north, east) + flies * min(age_s, PREDICTED_S)
-            yield TargetView(
-                name,
-                (at.real, at.imag),
-                age_s,
-                word.teller,
-                up_m=None if word.altitude_m is None else -down,
-                off_m=self._off(name, at, flies, moment),
-            )
+    def _sight(self, word: TargetWord, received_s: float) -> None:
+        before = self._targets.now(word.name, received_s)
+        self._targets.hear(word, received_s)
+        deque(self._targets.say(received_s, None, (), 0.0), maxlen=0)  # the agents log it
+        known = self._targets.now(word.name, received_s)
+        if known is not None and (before is None or known.age_s < before.age_s):
+            self._tellers[word.name] = word.teller
 
-    def _off(self, name: str, at: complex, flies: complex, moment: _Moment) -> float | None:
+    def _seen(self, moment: _Moment) -> Iterator[TargetView]:
+        for target in self._plan.targets:
+            known = self._targets.now(target.name, moment.now_s)
+            if known is not None:
+                yield TargetView(
+                    target.name,
+                    (known.at.real, known.at.imag),
+                    known.age_s,
+                    self._tellers[target.name],
+                    fresh=known.fresh,
+                    up_m=known.height_m,
+                    off_m=self._off(target.name, known, moment),
+                )
+
+    def _off(self, name: str, known: TargetNow, moment: _Moment) -> float | None:
         """How far a formation's centre is from its place about this target; None: none follows it,
-        or it has no course where that counts."""
+        or where it is now is not known."""
         for group, k, centre in zip(self._plan.groups, moment.steps, moment.centres, strict=True):
-            step = group.steps[k - 1].follows if 0 < k <= len(group.steps) else None
-            if step is None or step.target != name or centre is None or self._overridden():
+            step = self._follows(group, k, moment.formation)
+            if step is None or step.target != name or centre is None or not known.fresh:
                 continue
-            if step.in_course and abs(flies) < STANDS_MPS:
-                continue
-            turn = flies / abs(flies) if step.in_course else 1.0
-            return abs(complex(*centre) - at - complex(*step.offset_m) * turn)
+            turn = known.course if step.in_course else 1.0
+            return abs(complex(*centre) - known.at - complex(*step.offset_m) * turn)
         return None
+
+    def _follows(self, group: GroupPlan, k: int, formation: set[int]) -> FollowStep | None:
+        """The step of following that a group flies: by an order, or by its mission."""
+        states = (self._heard[agent].state for agent in formation.intersection(group.ids))
+        tags = {state.override for state in states if state is not None and state.override}
+        if not tags:
+            return group.steps[k - 1].follows if 0 < k <= len(group.steps) else None
+        orders = (answered.command for answered in self._commands.values())
+        steps = [order.step for order in orders if order.tag in tags and order.step is not None]
+        return steps[-1].follows if steps else None
 
     def _moment(self, now_s: float) -> _Moment:
         after_s = self._plan.policies.agent_lost_after_s

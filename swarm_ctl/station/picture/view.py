@@ -174,17 +174,22 @@ class StationHealth:
 
 @dataclass(frozen=True, slots=True)
 class TargetView:
-    """A target, by the newest word of it."""
+    """A target, as an agent knows it that hears what this station hears."""
 
     name: str
     at_m: Point
-    """(north, east), carried on with its velocity for a second at most."""
+    """(north, east) now, by its motion; of one that is silent, where that led for a moment."""
     age_s: float
+    """Of the newest word that was believed."""
     teller: str
+    """Whose word that was."""
+    fresh: bool = True
+    """It was heard a moment ago: a formation flies after it."""
     up_m: float | None = None
     """Above the origin; None: not known."""
     off_m: float | None = None
-    """How far the centre of the formation that follows it is from its place about it."""
+    """How far the centre of the formation that follows it is from its place about it, in the plane;
+    None: none follows it, or it is silent."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -80,7 +80,7 @@ def following() -> SwarmView:
         place = {"position_ned_m": (north, east, -height_m - 0.2), "goal_height_m": height_m}
         model.fold(state_of(PLAN, agent.id, 30.0, seq=1200, **place), 30.0)
     boat = TargetView("boat", (52.0, 68.0), 0.4, "boat.1", up_m=0.3, off_m=1.24)
-    van = TargetView("van", (34.0, 52.0), 6.2, "van.1")
+    van = TargetView("van", (34.0, 52.0), 6.2, "van.1", fresh=False)
     plan = replace(PLAN, targets=(TargetPlan("boat"), TargetPlan("van"), TargetPlan("car")))
     return replace(model.view(30.0), plan=plan, targets=(boat, van))
 

@@ -15,7 +15,6 @@ import numpy as np
 from swarm_ctl.core.model.geometry import mean_of
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Point
-from swarm_ctl.core.model.targets import PREDICTED_S
 from swarm_ctl.core.model.vehicle import Vector3
 from swarm_ctl.station.dashboard.drawing.canvas import Canvas, Floats
 from swarm_ctl.station.dashboard.drawing.picture import Picture
@@ -411,9 +410,8 @@ class _Drawing:
         """A sign and the name of each; where its news is old, how old."""
         for target in self.picture.view.targets:
             x, y = self.scale.dot(target.at_m, _target_down_m(target))
-            old = target.age_s > PREDICTED_S
-            age = f" {target.age_s:.0f} s ago" if old else ""
-            style = "bold yellow" if old else "bold"
+            age = "" if target.fresh else f" {target.age_s:.0f} s ago"
+            style = "bold" if target.fresh else "bold yellow"
             self.canvas.words(int(x // 2), int(y // 4), f"◎ {target.name}{age}", style)
 
     def target_lines(self) -> None:
@@ -429,7 +427,7 @@ class _Drawing:
             words = f"{name} {target.age_s:.1f} s"
             words += f" · {target.up_m:.1f} m up" if target.up_m is not None else ""
             words += f" · formation {target.off_m:.1f} m off" if target.off_m is not None else ""
-            self.canvas.words(1, row, words, "bold yellow" if target.age_s > PREDICTED_S else "")
+            self.canvas.words(1, row, words, "" if target.fresh else "bold yellow")
 
     def new_zone(self) -> None:
         """The one that is being placed, and its centre."""
