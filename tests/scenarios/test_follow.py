@@ -57,8 +57,10 @@ class Boat:
         at: Callable[[float], tuple[complex, complex]],
         more: str = "on_lost: hold",
         zones: str = "",
+        target: str = "",
     ) -> None:
-        self.mission = loads(MISSION.replace("MORE", more) + zones)
+        text = MISSION.replace("MORE", more).replace("boat: {}", f"boat: {{{target}}}")
+        self.mission = loads(text + zones)
         self.swarm = landing_fast(VirtualSwarm(self.mission))
         self._node = Node(MemoryTransport(self.swarm.mesh), "test", "boat.1")
         self._at, self._dice = at, np.random.default_rng(1)
@@ -116,6 +118,15 @@ class Boat:
                 self.say(replace(each[2], age_s=now - each[1]))
             if seconds > after_s and group.progress.step == STEP:
                 self._measure(seconds)
+
+    def order(self, text: str) -> None:
+        swarm = self.swarm
+        agents = tuple(
+            AgentNow(i, member.agent._controller.stop_point_m)
+            for i, member in swarm.members.items()
+        )
+        now = SwarmNow(swarm.plan, swarm.now, STEP, agents)
+        swarm.command(text.split()[0], step=build(parse(text, swarm.plan), now).step)
 
     def _measure(self, seconds: float) -> None:
         at, _ = self._at(seconds)
@@ -225,6 +236,52 @@ def test_what_is_done_when_a_target_stays_away(on_lost: str, outcome: Outcome) -
         assert "target boat has not been heard for 5 s" in " ".join(reasons)
 
 
+def test_a_target_that_was_never_heard_is_said_not_to_be() -> None:
+    boat = Boat(straight)
+    boat.fly(4.0, silent_from_s=0.0)
+    assert boat.said("target boat is not heard: the formation stands")
+
+
+@pytest.mark.parametrize("ordered", ["hold", "form block"])
+def test_while_an_order_is_flown_in_place_of_the_step_nothing_is_done_of_a_lost_target(
+    ordered: str,
+) -> None:
+    """The pilot has the swarm where he wants it; with the step the time begins anew."""
+    boat = Boat(straight, "lost_after_s: 5, on_lost: land")
+    boat.fly(5.0)
+    boat.order(ordered)
+    boat.fly(20.0, silent_from_s=0.0)
+    assert not any(member.ended for member in boat.swarm.members.values())
+    boat.swarm.command("resume", name="goes-on")
+    boat.fly(24.0, silent_from_s=0.0)
+    assert not boat.said("has not been heard for 5 s")
+    boat.fly(math.inf, silent_from_s=0.0)
+    assert boat.outcomes() == {Outcome.FAILED}
+    assert boat.said("target boat has not been heard for 5 s")
+
+
+def test_a_formation_does_not_run_after_an_agent_of_its_own() -> None:
+    """Its place is not the target's, so that it would go on and on. When a pilot has taken the
+    agent it is followed."""
+    policy = "policies: {agent_lost: continue}\n"
+    fault = "simulation: {faults: [{at_s: 25, agents: [3], pilot: return}]}\n"
+    boat = Boat(straight, zones=policy + fault, target="agent: 3")
+
+    def centre() -> complex:
+        frame = boat.swarm.members[1].agent._group.reference.frame
+        assert frame is not None
+        return complex(*frame.point_m)
+
+    boat.fly(1.0, silent_from_s=0.0)
+    began = centre()
+    boat.fly(12.0, silent_from_s=0.0)
+    assert abs(centre() - began) < 0.1
+    assert boat.said("is agent 3 of this formation, and no pilot flies it: the formation stands")
+    boat.fly(40.0, silent_from_s=0.0)
+    flown = complex(*boat.swarm.positions()[3][:2])
+    assert abs(centre() - flown + 5.0) < 1.0
+
+
 def test_a_liar_beside_the_boat_leads_nobody_away() -> None:
     """A second sender, 60 m to the north; both are named."""
     boat = Boat(straight)
@@ -303,12 +360,7 @@ def test_an_order_follows_a_target_until_another_order() -> None:
     boat = Boat(straight)
     boat.fly(5.0)
     swarm = boat.swarm
-    agents = tuple(
-        AgentNow(i, member.agent._controller.stop_point_m) for i, member in swarm.members.items()
-    )
-    order = parse("follow boat 0 20 course", swarm.plan)
-    step = build(order, SwarmNow(swarm.plan, swarm.now, STEP, agents)).step
-    swarm.command("follow", step=step)
+    boat.order("follow boat 0 20 course")
     boat.fly(30.0)
     at, _ = straight(swarm.now - boat.began_s)
     wanted = at - 20.0  # its course is east, so that its right is south

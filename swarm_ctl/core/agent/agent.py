@@ -291,7 +291,8 @@ class Agent:
         contacts = inbox.view.contacts
         self._sightings = tuple(targets.sight(now, contacts, snapshot, step, began_s))
         down_m = self._controller.down_m
-        for severity, text in targets.say(now, step, self._controller.zones, -down_m):
+        follows = step if self._phase is Phase.FLY else None
+        for severity, text in targets.say(now, follows, self._controller.zones, -down_m):
             self._log.say(now, severity, text)
         strangers = targets.aircraft(now, down_m)
         return replace(snapshot, traffic=(*snapshot.traffic, *strangers))
@@ -410,7 +411,7 @@ class Agent:
             if stops or interruption.holds:
                 interruption.heed(tick, trigger)
         if self._pausing(tick):
-            group.progress.paused_s += self._plan.tick_s
+            group.progress.hold_up(tick.now, self._plan.tick_s)
 
     def _situation(self, tick: Tick) -> failsafes.Situation:
         """The facts that the failsafes judge."""

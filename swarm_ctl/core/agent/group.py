@@ -19,7 +19,7 @@ from swarm_ctl.core.law.formation import error_of_one
 from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.messages import AgentState, Severity
 from swarm_ctl.core.model.plan import Plan, Point, Policy
-from swarm_ctl.core.model.steps.follow import FollowStep
+from swarm_ctl.core.model.steps.follow import BELOW_TOP_M, LOWEST_M, FollowStep
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.steps.step import Step
@@ -41,9 +41,6 @@ _LEADS_M: Final = 1.0
 """So far ahead of all others in the shape is one that they follow."""
 _FLIES_MPS: Final = 0.1
 """A vehicle that is slower flies nowhere."""
-_LOWEST_M: Final = 2.0
-_BELOW_TOP_M: Final = 2.0
-"""So far above the ground, and below the fence's top, a formation stays above its target."""
 _RISES_S: Final = 3.0
 """The told heights of a target are smoothed over so long: a boat goes up and down on waves."""
 _RISE_STEP_M: Final = 0.5
@@ -239,8 +236,8 @@ class Group:
         if step is None or step.above_m is None:
             self._rise_m = self._rises_m = 0.0
         elif target is not None and target.fresh and target.height_m is not None:
-            top_m = self._fence.height_m - _BELOW_TOP_M if self._fence is not None else math.inf
-            wanted_m = max(_LOWEST_M, min(target.height_m + step.above_m, top_m))
+            top_m = self._fence.height_m - BELOW_TOP_M if self._fence is not None else math.inf
+            wanted_m = max(LOWEST_M, min(target.height_m + step.above_m, top_m))
             self._rise_m += (wanted_m - flies_m - self._rise_m) * self._tick_s / _RISES_S
             if abs(self._rise_m - self._rises_m) > _RISE_STEP_M:
                 self._rises_m = self._rise_m
@@ -301,7 +298,7 @@ class Group:
         follows = step.follows if step is not None else None
         if follows is None:
             return ""
-        lost_s = self.targets.lost_s(follows, now, self.progress.started_s)
+        lost_s = self.targets.lost_s(follows, now, self.progress.goes_on_since_s)
         if lost_s <= follows.lost_after_s:
             return ""
         return f"target {follows.target} has not been heard for {follows.lost_after_s:g} s"

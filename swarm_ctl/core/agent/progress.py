@@ -6,6 +6,7 @@ member shows at least (k, done); a peer at k + 1 proves k. Lost or repeated mess
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Final
 
@@ -30,6 +31,8 @@ class Progress:
         self.started_s = now
         self.paused_s = 0.0
         """How long a policy or a command has held this step up; its time-out waits as long."""
+        self._held_s = -math.inf
+        """When one held it up last."""
         self.results: list[StepResult] = [StepResult("prepare", StepOutcome.RUNNING, now, None)]
 
     @property
@@ -74,6 +77,16 @@ class Progress:
             + self.paused_s
             + (self._prepare_timeout_s if step is None else step.timeout_s)
         )
+
+    @property
+    def goes_on_since_s(self) -> float:
+        """Since when the current step has been flown without a break."""
+        return max(self.started_s, self._held_s)
+
+    def hold_up(self, now: float, tick_s: float) -> None:
+        """A policy or a command holds this step up in this tick."""
+        self.paused_s += tick_s
+        self._held_s = now
 
     def finish_step(self, now: float, outcome: StepOutcome = StepOutcome.DONE) -> None:
         """This agent's part of the current step is over."""

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from swarm_ctl.core.model.frames import geodetic_from_ned, ned_from_geodetic
-from swarm_ctl.core.model.messages import Severity, TargetWord
+from swarm_ctl.core.model.messages import Phase, Severity, TargetWord
 from swarm_ctl.core.model.plan import Geodetic, Plan
 from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.targets import (
@@ -270,6 +270,12 @@ class Targets:
         self._told_s = dict.fromkeys(self._of, -math.inf)
         self._said: dict[tuple[str, str], float] = {}
         self._silent: set[str] = set()
+        self._joined: set[str] = set()
+        """Those that are an agent which flies in the own formation now: after itself it would go on
+        and on."""
+        self._step: FollowStep | None = None
+        self._step_s = -math.inf
+        """When `say` was first asked about it."""
 
     def __bool__(self) -> bool:
         return bool(self._of)
@@ -326,7 +332,10 @@ class Targets:
             step: that is flown, if it follows one.
             begun_s: of that step, on the agent that leads: it plays a target of its mission.
         """
-        words = list[TargetWord]()
+        words, ids = list[TargetWord](), self._plan.group_of(self._own).ids
+        at_hand = {p.id for p in peers.peers if p.state and p.state.phase is Phase.YIELD}
+        members = set(ids) - at_hand
+        self._joined = {name for name, target in self._of.items() if target.agent in members}
         for target in self._of.values():
             if now < self._told_s[target.name] + _TELLS_S - 1e-6:
                 continue
@@ -354,7 +363,7 @@ class Targets:
                     velocity_ned_mps=contact.velocity_ned_mps,
                     agent=self._own,
                 )
-        for peer in peers.peers if target.agent else ():
+        for peer in peers.peers if target.name not in self._joined else ():
             if peer.id == target.agent and peer.state is not None:
                 at = geodetic_from_ned(peer.state.position_ned_m, self._plan.origin)
                 return TargetWord(
@@ -424,15 +433,20 @@ class Targets:
             for text in tracker.take_said():
                 if self._due(name, " ".join(text.split()[:2]), now):
                     yield Severity.WARNING, f"target {name} {text}"
+        if step != self._step:
+            self._step, self._step_s = step, now
         if step is None:
             return
         known, name = self.now(step.target, now), step.target
         silent = known is None or not known.fresh
-        long = known is None or known.age_s > _SAYS_S
+        long = self.lost_s(step, now, self._step_s) > _SAYS_S
         if long and name not in self._silent:
             self._silent.add(name)
-            if known is not None:
-                yield Severity.WARNING, f"target {name} is not heard: the formation stands"
+            why = "is not heard"
+            if name in self._joined:
+                agent = self._of[name].agent
+                why = f"is agent {agent} of this formation, and no pilot flies it"
+            yield Severity.WARNING, f"target {name} {why}: the formation stands"
         elif not silent and name in self._silent:
             self._silent.discard(name)
             yield Severity.INFO, f"target {name} is heard: the formation closes up"

@@ -17,7 +17,8 @@ class TargetSection(Section):
     """ICAO address, six hexadecimal digits: the vehicles' own receivers hear it. A boat or a car
     with a transponder has one, too."""
     agent: AgentId | None = None
-    """Another agent of this mission; it may be flown by hand."""
+    """An agent of this mission, which is followed while a pilot flies it (`policies.agent_lost:
+    continue`): after one of its own a formation would go on and on."""
     along: Annotated[tuple[NorthEast, ...], Field(min_length=2, max_length=200)] | None = None
     """A target for tests, which the swarm plays: its way, from when the step begins."""
     speed_mps: float | None = Field(default=None, ge=0.1, le=60)

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from swarm_ctl.core.model.plan import Plan, PlannedStep, Policy
 from swarm_ctl.core.model.planned_formation import PlannedFormation
-from swarm_ctl.core.model.steps.follow import FollowStep
+from swarm_ctl.core.model.steps.follow import BELOW_TOP_M, LOWEST_M, FollowStep
 from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import Findings
 from swarm_ctl.mission.input.near_matches import did_you_mean
@@ -58,6 +58,31 @@ def _known(written: FollowSection, place: Place, mission: Mission) -> Findings:
         yield Mistake((*place, "target"), f"there is no target {written.target!r}{hint}", allowed)
 
 
+def _at_hand(written: FollowSection, place: Place, mission: Mission) -> Findings:
+    """An agent is followed while a pilot flies it: the others have to fly on then."""
+    target, lost = mission.targets.get(written.target), mission.policies.agent_lost
+    known = target is not None and target.agent in [agent.id for agent in mission.agents]
+    if target is not None and known and lost is not Policy.CONTINUE:
+        what = (
+            f"agent {target.agent} is followed while a pilot flies it, and then the others do as"
+            f" policies.agent_lost says: {lost.value}"
+        )
+        yield Mistake((*place, "target"), what, "policies.agent_lost: continue")
+
+
+def _above_the_fence(written: FollowSection, place: Place, mission: Mission) -> Findings:
+    """Where the target's height is known."""
+    target, top_m = mission.targets.get(written.target), mission.fence.height_m - BELOW_TOP_M
+    if target is None or target.height_m is None or written.above_m is None:
+        return
+    lowest, most = max(2.0, LOWEST_M - target.height_m), top_m - target.height_m
+    if not lowest <= written.above_m <= most:
+        what = f"{written.above_m:g} m above a target at {target.height_m:g} m"
+        what += " is over the fence's top" if written.above_m > most else " is too near the ground"
+        allowed = f"from {lowest:g} to {most:g} m (fence.height_m = {mission.fence.height_m:g})"
+        yield Mistake((*place, "above_m"), what, allowed)
+
+
 def target_findings(mission: Mission) -> Findings:
     """Each target by itself: how it is heard, and that it is there."""
     ids = [agent.id for agent in mission.agents]
@@ -69,6 +94,9 @@ def target_findings(mission: Mission) -> Findings:
         if target.agent is not None and target.agent not in ids:
             allowed = f"one of {', '.join(map(str, ids))}"
             yield Mistake((*place, "agent"), f"there is no agent {target.agent}", allowed)
+        if target.adsb is not None and not int(target.adsb, 16):
+            what = f"{target.adsb} is the address of no aircraft"
+            yield Mistake((*place, "adsb"), what, "six hexadecimal digits, not all 0")
         if target.speed_mps is not None and target.along is None:
             yield Mistake((*place, "speed_mps"), "is of a target that is played", "with along")
 
@@ -78,7 +106,12 @@ class Follow(StepKind[FollowSection, FollowStep]):
 
     section = FollowSection
     keeps_formation: ClassVar[bool] = True
-    checks: ClassVar[Checks] = (("targets", _known), ("vehicle", too_fast))
+    checks: ClassVar[Checks] = (
+        ("targets", _known),
+        ("targets policies agents", _at_hand),
+        ("targets fence", _above_the_fence),
+        ("vehicle", too_fast),
+    )
 
     def planned(
         self, written: FollowSection, mission: Mission, before: PlannedFormation

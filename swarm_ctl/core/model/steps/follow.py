@@ -13,6 +13,9 @@ from swarm_ctl.core.model.policies import Policy
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.model.targets import TargetNow
 
+LOWEST_M: Final = 2.0
+BELOW_TOP_M: Final = 2.0
+"""So far above the ground, and below the fence's top, a formation stays above its target."""
 _CLOSES: Final = 1.5
 """[1/s] of the way to the target's place, beside its velocity."""
 
