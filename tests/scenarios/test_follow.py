@@ -117,7 +117,7 @@ class Boat:
                 mail.remove(each)
                 self.say(replace(each[2], age_s=now - each[1]))
             if seconds > after_s and group.progress.step == STEP:
-                self._measure(seconds)
+                self._measure()
 
     def order(self, text: str) -> None:
         swarm = self.swarm
@@ -128,12 +128,15 @@ class Boat:
         now = SwarmNow(swarm.plan, swarm.now, STEP, agents)
         swarm.command(text.split()[0], step=build(parse(text, swarm.plan), now).step)
 
-    def _measure(self, seconds: float) -> None:
-        at, _ = self._at(seconds)
+    def at_boat(self, agent: int) -> complex:
+        """From its place at the boat to where it is [m]."""
+        at, _ = self._at(self.swarm.now - self.began_s)
         slots, unit = self.swarm.members[1].agent._group.reference.slots, self.mission.plan.unit_m
-        for agent, place in self.swarm.positions().items():
-            wanted = at - 5.0 + complex(*slots[agent]) * unit
-            self.off_m.append(abs(complex(place[0], place[1]) - wanted))
+        wanted = at - 5.0 + complex(*slots[agent]) * unit
+        return complex(*self.swarm.positions()[agent][:2]) - wanted
+
+    def _measure(self) -> None:
+        self.off_m += [abs(self.at_boat(agent)) for agent in self.swarm.members]
 
     @property
     def rms_m(self) -> float:
@@ -258,6 +261,23 @@ def test_while_an_order_is_flown_in_place_of_the_step_nothing_is_done_of_a_lost_
     boat.fly(math.inf, silent_from_s=0.0)
     assert boat.outcomes() == {Outcome.FAILED}
     assert boat.said("target boat has not been heard for 5 s")
+
+
+@pytest.mark.parametrize("pause_s", [120, 5])
+def test_an_agent_that_an_order_held_is_waited_for_and_comes_back(pause_s: int) -> None:
+    """For so long; then the formation flies on without it. When it comes back, the formation may be
+    far away."""
+    policies = f"policies: {{override_pause_s: {pause_s}, left_by_order: continue}}\n"
+    boat = Boat(straight, zones=policies)
+    boat.fly(10.0)
+    boat.swarm.command("hold", agents=(2,))
+    boat.fly(30.0, after_s=math.inf)
+    flown_m = abs(boat.at_boat(3))
+    assert flown_m > 40.0 if pause_s > 60 else flown_m < 20.0
+    boat.swarm.command("resume", name="back", agents=(2,))
+    boat.fly(62.0, after_s=math.inf)
+    assert all(abs(boat.at_boat(agent)) < 1.5 for agent in boat.swarm.members)
+    assert not boat.said("not believed")
 
 
 def test_a_formation_does_not_run_after_an_agent_of_its_own() -> None:

@@ -280,7 +280,9 @@ class Group:
         reference, key = self.reference, self.key(override)
         off, follows = None, step.follows
         self._follows = follows
-        reference.target = self.targets.now(follows.target, tick.now) if follows else None
+        reference.target = None
+        if follows is not None and not self.waits_for(tick.now):
+            reference.target = self.targets.now(follows.target, tick.now)
         if step.new_shape is None:
             others = tick.members.without(self.departed)
             reference.follow(others, step, key, own_m, self.formation_error_m, free=free)

@@ -104,7 +104,9 @@ class FrameBounds:
     def _doubt_led(self, frame: Frame, most_mps: float, radius_m: float, now: float) -> str:
         """Of a frame that a target leads: no plan knows its way, but its speed has a limit."""
         beside_m = min(_BESIDE_M, _SMALL * radius_m)
-        last, since_s = self._led or (self._start or frame, now - _LATE_S)
+        # an agent that was held by an order comes back to a frame that has gone on without it
+        began = self._start or frame, min(now - _LATE_S, self._last_s)
+        last, since_s = self._led or began
         apart_m, turned_m, grown_m = strayed(last, frame, radius_m)
         if turned_m + grown_m > beside_m:
             return _off(turned_m + grown_m, beside_m)

@@ -60,7 +60,8 @@ def _known(written: FollowSection, place: Place, mission: Mission) -> Findings:
 
 def _at_hand(written: FollowSection, place: Place, mission: Mission) -> Findings:
     """An agent is followed while a pilot flies it: the others have to fly on then."""
-    target, lost = mission.targets.get(written.target), mission.policies.agent_lost
+    target, limits = mission.targets.get(written.target), mission.vehicle.limits.planned()
+    lost = mission.policies.at_speed(limits.speed_mps).agent_lost
     known = target is not None and target.agent in [agent.id for agent in mission.agents]
     if target is not None and known and lost is not Policy.CONTINUE:
         what = (
@@ -108,7 +109,7 @@ class Follow(StepKind[FollowSection, FollowStep]):
     keeps_formation: ClassVar[bool] = True
     checks: ClassVar[Checks] = (
         ("targets", _known),
-        ("targets policies agents", _at_hand),
+        ("targets policies agents vehicle", _at_hand),
         ("targets fence", _above_the_fence),
         ("vehicle", too_fast),
     )
