@@ -79,6 +79,8 @@ class Dice:
 
 _SWAPS: Final = 0.2
 """Of all missions: their agents change sides."""
+_LAYERED: Final = 0.1
+"""Of `form` steps: their slots lie at several heights."""
 _FAIR: Final = 0.12
 """Of all flights: nothing happens in them, so the forecast has to hold."""
 _REZONED: Final = 0.25
@@ -269,6 +271,8 @@ def _order(dice: Dice, kind: str, ids: list[int], shapes: list[str]) -> str:
             return f"{kind} {dice.pick(ids)}"
         case "next":
             return "next"
+        case "follow":
+            return "follow boat"
     return f"{kind}{some}"
 
 
@@ -337,6 +341,8 @@ def _mission(dice: Dice, wanted: Coverage, *, fair: bool) -> Data:
     mission["shapes"] = {name: _shape(dice, count, spacing) for name in ("one", "other")}
     speed_mps = mission.get("vehicle", {}).get("limits", {}).get("speed_mps", 3.0)
     mission["steps"] = _steps(dice, wanted, ids, speed_mps, fair=fair)
+    if any("follow" in step for step in mission["steps"]):
+        mission["targets"] = {"boat": _target(dice, speed_mps, unit_m)}
     mission["fleet"] = _fleet(dice, ids, fair=fair)
     if dice.chance(_SWAPS):
         _swap(dice, mission, spacing)
@@ -493,7 +499,7 @@ def _steps(
     dice: Dice, wanted: Coverage, ids: list[int], speed_mps: float, *, fair: bool
 ) -> list[Data]:
     steps: list[Data] = [{"takeoff": {"height_m": dice.number(2, 6, 1)}}]
-    between = ("form", "hold", "move", "rotate", "scale")
+    between = ("form", "hold", "move", "rotate", "scale", "follow")
     kinds = ["form"] if dice.chance(0.95) else []
     kinds += [
         dice.pick(between, wanted.wants_step) for _ in range(dice.whole(0, 2) if kinds else 0)
@@ -509,6 +515,12 @@ def _steps(
 def _body(dice: Dice, kind: str, ids: list[int], speed_mps: float, *, fair: bool) -> Data:
     if kind == "hold":
         return {"duration_s": dice.number(1, 6, 1)}
+    if kind == "follow":
+        follows: Data = {"target": "boat", "duration_s": dice.number(4, 15, 1)}
+        if dice.chance(0.7):
+            follows |= {"offset": [dice.signed(0, 2), dice.signed(0, 2)]}
+            follows |= {"offset_in": "course"} if dice.chance(0.5) else {}
+        return follows
     body: Data = {"settle_s": dice.number(0.5, 2.5, 1)}
     if dice.chance(0.3):
         body["tolerance_m"] = dice.number(0.4, 0.9, 1)
@@ -523,6 +535,8 @@ def _body(dice: Dice, kind: str, ids: list[int], speed_mps: float, *, fair: bool
         if dice.chance(0.3):
             how = dice.pick(("keep", "rechoose", "links"))
             body["neighbours"] = _links(dice, ids) if how == "links" else how
+        if dice.chance(_LAYERED):
+            body["layers"] = dice.whole(2, 3)
         return body
     if dice.chance(0.4):
         body["speed_mps"] = dice.number(0.8, min(2.5, speed_mps), 1)
@@ -535,6 +549,13 @@ def _body(dice: Dice, kind: str, ids: list[int], speed_mps: float, *, fair: bool
         how = dice.pick(("to", "by", "along"))
         body[how] = [point, [dice.signed(0.3, 2), dice.signed(0.3, 2)]] if how == "along" else point
     return body
+
+
+def _target(dice: Dice, speed_mps: float, unit_m: float) -> Data:
+    """One that is played: through some points near the starts."""
+    way = [[dice.signed(0, 5, 1), dice.signed(0, 5, 1)] for _ in range(dice.whole(2, 4))]
+    way[1] = [way[1][0] + 6.0 / unit_m, way[1][1]]  # never the first one again
+    return {"along": way, "speed_mps": dice.number(0.3, 1.2 * speed_mps, 1), "height_m": 0.0}
 
 
 def _fleet(dice: Dice, ids: list[int], *, fair: bool) -> Data:
@@ -644,5 +665,8 @@ def _in_metres(mission: Data) -> Data:
         shape |= {name: metres(shape[name]) for name in lengths if name in shape}
     for step in mission["steps"]:
         body = next(iter(step.values()))
-        body |= {name: metres(body[name]) for name in ("to", "by", "along") if name in body}
+        names = ("to", "by", "along", "offset")
+        body |= {name: metres(body[name]) for name in names if name in body}
+    for target in mission.get("targets", {}).values():
+        target["along"] = metres(target["along"])
     return {"lengths": "metres", **mission}

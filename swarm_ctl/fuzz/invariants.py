@@ -130,6 +130,9 @@ def _apart(seen: Seen) -> Iterator[str]:
     close = seen.apart_at_start < seen.r_in_m + FREE_M
     for a, b in itertools.combinations(seen.ids, 2):
         until_s = min(seen.taken[a], seen.taken[b], seen.lies[a], seen.lies[b])
+        if seen.plan.wake is not None:  # what falls, falls past those below
+            kills = (*seen.orders(a, CommandKind.KILL), *seen.orders(b, CommandKind.KILL))
+            until_s = min([until_s, *(order.at_s for order in kills)])
         found = _closest(seen, a, b, until_s, autopilots=not close)
         if found is not None and found[0] < seen.r_in_m - seen.misjudged_m:
             near_m, time_s = found

@@ -45,7 +45,9 @@ def test_all_kinds_are_drawn() -> None:
     kinds = {each.kind for scenario, _ in drawn for each in scenario.happens}
     assert kinds == {*FAULTS, "order"}
     steps = {step.kind for _, mission in drawn for step in steps_of(mission.plan)}
-    assert steps == {"takeoff", "form", "hold", "move", "rotate", "scale", "return", "land"}
+    moves = {"move", "rotate", "scale", "follow"}
+    assert steps == {"takeoff", "form", "hold", "return", "land", *moves}
+    assert any(mission.plan.wake for _, mission in drawn)
     assert {entry.autopilot for _, m in drawn for entry in m.fleet.agents} == {"ardupilot", "px4"}
     assert any(mission.plan.fence for _, mission in drawn)
     assert any(not scenario.happens for scenario, _ in drawn)
