@@ -58,8 +58,10 @@ class Boat:
         more: str = "on_lost: hold",
         zones: str = "",
         target: str = "",
+        slots: str = "",
     ) -> None:
         text = MISSION.replace("MORE", more).replace("boat: {}", f"boat: {{{target}}}")
+        text = text.replace("columns: 2", f"columns: 2{slots}")
         self.mission = loads(text + zones)
         self.swarm = landing_fast(VirtualSwarm(self.mission))
         self._node = Node(MemoryTransport(self.swarm.mesh), "test", "boat.1")
@@ -371,6 +373,16 @@ def test_a_formation_rises_with_the_target_that_it_flies_above() -> None:
     boat.fly(43.0)
     downs = np.asarray(boat.swarm.hub.world.positions())[:, 2]
     assert all(abs(-downs - 18.0) < 1.0)
+    boat.fly(math.inf)
+    assert boat.outcomes() == {Outcome.COMPLETED}
+
+
+def test_the_highest_slot_stays_below_the_fence_above_a_target() -> None:
+    """The fence is 40 m high; 28 m and the slots' 18 m are more."""
+    boat = Boat(straight, "above_m: 28", slots=", up_m: [0, 6, 12, 18]")
+    boat.fly(40.0)
+    highest = -np.asarray(boat.swarm.hub.world.positions())[:, 2].min()
+    assert 36.5 < highest < 39.0
     boat.fly(math.inf)
     assert boat.outcomes() == {Outcome.COMPLETED}
 

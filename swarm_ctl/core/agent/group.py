@@ -230,14 +230,17 @@ class Group:
 
     def rises_m(self, flies_m: float) -> float:
         """How far above the flight height `flies_m` the formation is to be, after a target that is
-        flown above; in steps, slowly, and below the fence's top. The take-off points count as level
-        with the origin: the heights of receivers differ by metres, and all are to be level."""
+        flown above; in steps, slowly, and with all slots below the fence's top. The take-off points
+        count as level with the origin: the heights of receivers differ by metres, and all are to be
+        level."""
         step, target = self._follows, self.reference.target
         if step is None or step.above_m is None:
             self._rise_m = self._rises_m = 0.0
         elif target is not None and target.fresh and target.height_m is not None:
+            ups_m = (0.0, *self.heights[0])
             top_m = self._fence.height_m - BELOW_TOP_M if self._fence is not None else math.inf
-            wanted_m = max(LOWEST_M, min(target.height_m + step.above_m, top_m))
+            wanted_m = min(target.height_m + step.above_m, top_m - max(ups_m))
+            wanted_m = max(LOWEST_M - min(ups_m), wanted_m)
             self._rise_m += (wanted_m - flies_m - self._rise_m) * self._tick_s / _RISES_S
             if abs(self._rise_m - self._rises_m) > _RISE_STEP_M:
                 self._rises_m = self._rise_m
