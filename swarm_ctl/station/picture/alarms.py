@@ -253,6 +253,16 @@ def _unheard(view: SwarmView, limit_s: float) -> Found:
                 yield (agent.id,), "never heard"
 
 
+def _target_silent(view: SwarmView, limit_s: float) -> Found:
+    """Whoever follows it flies on for a moment, and stands."""
+    ages_s = {target.name: target.age_s for target in view.targets}
+    for follow in view.follows:
+        age_s = ages_s.get(follow.target)
+        if min(follow.for_s, math.inf if age_s is None else age_s) > limit_s:
+            how = "was never heard" if age_s is None else f"has not been heard for {age_s:.1f} s"
+            yield follow.agents, f"target {follow.target} {how}: the formation stands"
+
+
 def _overspeed(view: SwarmView, _: float) -> Found:
     for pair in view.pairs:
         if any(report.status == "overspeed" for _, report in pair.sides):
@@ -433,6 +443,7 @@ RULES: Final[tuple[Rule, ...]] = (
     Rule(_BY_ORDER, _W, _is(0), "it no longer flies the mission", _if(out_by_order), _WORDS),
     Rule("held alone", _W, _pause_s, "the mission's policy", _held_alone),
     Rule("never heard", _W, _is(5.0), "all processes hear each other within 2 s", _unheard),
+    Rule("target silent", _W, _is(2.0), "a few words in a row are often lost", _target_silent),
     Rule("old state", _W, _is(NEIGHBOUR_S), "its neighbours stop following it", _old_state),
     Rule("overspeed", _W, _is(0), "D_ub <= 2: no sigma keeps this pair's link", _overspeed),
     Rule("long link", _W, _r_m, "the interaction range", _long_link),

@@ -42,6 +42,7 @@ from swarm_ctl.station.picture.view import (
     AgentView,
     CommandView,
     EdgeView,
+    FollowView,
     LinkView,
     PairView,
     SwarmView,
@@ -137,6 +138,8 @@ class _Moment:
     """Each agent's slot, laid under the formation."""
     centres: list[Point | None]
     """Of each group's formation; None: it has none yet."""
+    follows: list[tuple[FollowStep, float] | None]
+    """What each group follows, and since when."""
 
 
 @dataclass(slots=True)
@@ -288,6 +291,7 @@ class Model:
             ),
             stations=stations,
             targets=tuple(self._seen(moment)),
+            follows=tuple(self._followed(moment)),
             histories=self._history.view(),
             doubted={
                 agent_id: heard.doubt[0]
@@ -321,23 +325,39 @@ class Model:
     def _off(self, name: str, known: TargetNow, moment: _Moment) -> float | None:
         """How far a formation's centre is from its place about this target; None: none follows it,
         or where it is now is not known."""
-        for group, k, centre in zip(self._plan.groups, moment.steps, moment.centres, strict=True):
-            step = self._follows(group, k, moment.formation)
-            if step is None or step.target != name or centre is None or not known.fresh:
+        for follows, centre in zip(moment.follows, moment.centres, strict=True):
+            if follows is None or centre is None or not known.fresh:
                 continue
-            turn = known.course if step.in_course else 1.0
-            return abs(complex(*centre) - known.at - complex(*step.offset_m) * turn)
+            step, _ = follows
+            if step.target == name:
+                turn = known.course if step.in_course else 1.0
+                return abs(complex(*centre) - known.at - complex(*step.offset_m) * turn)
         return None
 
-    def _follows(self, group: GroupPlan, k: int, formation: set[int]) -> FollowStep | None:
-        """The step of following that a group flies: by an order, or by its mission."""
-        states = (self._heard[agent].state for agent in formation.intersection(group.ids))
-        tags = {state.override for state in states if state is not None and state.override}
-        if not tags:
-            return group.steps[k - 1].follows if 0 < k <= len(group.steps) else None
-        orders = (answered.command for answered in self._commands.values())
-        steps = [order.step for order in orders if order.tag in tags and order.step is not None]
-        return steps[-1].follows if steps else None
+    def _followed(self, moment: _Moment) -> Iterator[FollowView]:
+        for group, follows in zip(self._plan.groups, moment.follows, strict=True):
+            agents = tuple(sorted(moment.formation.intersection(group.ids)))
+            if follows is not None and agents:
+                step, since_s = follows
+                yield FollowView(step.target, agents, max(0.0, moment.now_s - since_s))
+
+    def _follows(
+        self, group: GroupPlan, k: int, formation: set[int], now_s: float
+    ) -> tuple[FollowStep, float] | None:
+        """The step of following that a group flies, by an order or by its mission, and since when:
+        `now_s`, until a status tells."""
+        flown = [self._heard[agent].state for agent in formation.intersection(group.ids)]
+        tags = {state.override for state in flown if state is not None and state.override}
+        if tags:
+            given = [a for a in self._commands.values() if a.command.tag in tags]
+            order = given[-1].command.step if given else None
+            follows = order.follows if order is not None else None
+            return (follows, given[-1].received_s) if follows is not None else None
+        follows = group.steps[k - 1].follows if 0 < k <= len(group.steps) else None
+        statuses = [self._heard[agent].status for agent in group.ids]
+        told = [status.steps for status in statuses if status is not None and status.step == k]
+        since_s = min((steps[-1].start_s for steps in told if steps), default=now_s)
+        return (follows, since_s) if follows is not None else None
 
     def _moment(self, now_s: float) -> _Moment:
         after_s = self._plan.policies.agent_lost_after_s
@@ -345,11 +365,13 @@ class Model:
         steps = [self._step(group) for group in self._plan.groups]
         formation = {i for i, heard in self._heard.items() if heard.in_formation} - lost
         away_m, targets_m, centres = dict[int, float](), dict[int, Point](), list[Point | None]()
+        follows = list[tuple[FollowStep, float] | None]()
         for group, step in zip(self._plan.groups, steps, strict=True):
             away, targets, centre = self._errors(group, step, formation)
             away_m |= away
             targets_m |= targets
             centres.append(centre)
+            follows.append(self._follows(group, step, formation, now_s))
         return _Moment(
             now_s,
             lost,
@@ -359,6 +381,7 @@ class Model:
             away_m=away_m,
             targets_m=targets_m,
             centres=centres,
+            follows=follows,
         )
 
     def _step(self, group: GroupPlan) -> int:

@@ -193,6 +193,17 @@ class TargetView:
 
 
 @dataclass(frozen=True, slots=True)
+class FollowView:
+    """A formation that follows a target."""
+
+    target: str
+    agents: tuple[int, ...]
+    """Those of the formation that are heard."""
+    for_s: float
+    """How long it has."""
+
+
+@dataclass(frozen=True, slots=True)
 class SwarmView:
     """Everything a screen may show."""
 
@@ -224,6 +235,7 @@ class SwarmView:
     """When each station's beacon was last heard, this one included."""
     targets: tuple[TargetView, ...] = ()
     """Those of which a word has come."""
+    follows: tuple[FollowView, ...] = ()
     histories: Histories = field(default_factory=Histories)
     doubted: Mapping[int, str] = field(default_factory=dict)
     """Why, by agent of which this station did not believe a word of late."""

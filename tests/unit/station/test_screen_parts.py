@@ -427,7 +427,7 @@ def test_from_a_side_heights_go_up_and_stand_at_their_labels() -> None:
     for side, sign in (("south", -1), ("east", 1)):
         lines = _from(side, view)
         assert SIDES[side] in lines[-1]
-        assert lines[0].startswith(" boat 0.4 s · 5.0 m up · formation 1.2 m off")
+        assert lines[0].startswith(" boat 0.4 s · off 1.2 m · up 5.0 m")
         assert lines[1].startswith(" van: not heard")
         lines = lines[2:]
         cells = [_cell(lines, f"{agent.id}(?! m)") for agent in PLAN.agents]

@@ -39,8 +39,8 @@ mouse | a screen's name, a title of the table, an agent in the table or map, a k
 """
 SIGNS: Final = f"""
 map | number: agent, ○ slot to fill, dots: the agent's trail, circle: half of r_out (where two
-  touch, avoidance begins); red outlines: fence and zones; ◎ target, and in the corner how old the
-  news of it is, its height, and how far the formation's centre is off its place about it
+  touch, avoidance begins); red outlines: fence and zones; ◎ target. In the corner: how old the news
+  of it is, how far the formation's centre is off its place about it, its height
 from a side | heights above the origin at the left, on a scale of their own
 lines | neighbours; green well, yellow bad or nearly too long, red lost
 table | up: height; error: distance from its place in the shape; nearest: how near which agent is;

@@ -126,8 +126,8 @@ def map_lines(picture: Picture, width: int, height: int) -> list[StyledLine]:
     drawing.agents()
     drawing.targets()
     drawing.new_zone()
-    drawing.scale_bar()
     drawing.target_lines()
+    drawing.scale_bar()
     return drawing.canvas.lines()
 
 
@@ -415,8 +415,8 @@ class _Drawing:
             self.canvas.words(int(x // 2), int(y // 4), f"◎ {target.name}{age}", style)
 
     def target_lines(self) -> None:
-        """In the corner, a line for each: how old its news is, its height, how far the formation is
-        from its place about it."""
+        """In the corner, a line for each: how old its news is, how far the formation is off its
+        place about it, and its height."""
         view = self.picture.view
         seen = {target.name: target for target in view.targets}
         for row, name in enumerate(target.name for target in view.plan.targets):
@@ -425,8 +425,8 @@ class _Drawing:
                 self.canvas.words(1, row, f"{name}: not heard", "dim")
                 continue
             words = f"{name} {target.age_s:.1f} s"
-            words += f" · {target.up_m:.1f} m up" if target.up_m is not None else ""
-            words += f" · formation {target.off_m:.1f} m off" if target.off_m is not None else ""
+            words += f" · off {target.off_m:.1f} m" if target.off_m is not None else ""
+            words += f" · up {target.up_m:.1f} m" if target.up_m is not None else ""
             self.canvas.words(1, row, words, "" if target.fresh else "bold yellow")
 
     def new_zone(self) -> None:

@@ -29,7 +29,7 @@ from swarm_ctl.station.dashboard.drawing.picture import Picture
 from swarm_ctl.station.picture.alarms import RULES, Level, alarms
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.summaries import gather_alarms, verdict
-from swarm_ctl.station.picture.view import StationHealth, SwarmView
+from swarm_ctl.station.picture.view import FollowView, StationHealth, SwarmView, TargetView
 from tests.unit.plans import steps_of, with_group
 from tests.unit.station.swarm import flying_model, hexagon_plan, report_of, state_of, status_of
 
@@ -116,6 +116,13 @@ def _other_law(for_s: float) -> SwarmView:
     return model.view(30.0 + for_s)
 
 
+def _follows(for_s: float, silent_s: float | None) -> SwarmView:
+    """For so long a boat has been followed, and for so long was silent; None: always."""
+    seen = () if silent_s is None else (TargetView("boat", (0.0, 0.0), silent_s, "boat.1"),)
+    follow = FollowView("boat", (1, 2, 3, 4, 5, 6), for_s)
+    return replace(flying_model(PLAN).view(30.0), targets=seen, follows=(follow,))
+
+
 def _stranger() -> SwarmView:
     model = flying_model(PLAN, 30.0)
     model.fold(replace(state_of(PLAN, 1, 30.0, position_ned_m=(500.0, 0.0, -10.0)), agent=42), 30.0)
@@ -151,6 +158,7 @@ CASES: dict[str, tuple[Callable[[], SwarmView], tuple[int, ...]]] = {
     "out by order": (lambda: _broken_off(FailsafeAction.RETURN, Cause.ORDER, "called back"), (4,)),
     "held alone": (lambda: _state(4, override=7), (4,)),
     "never heard": (lambda: Model(PLAN, since_s=10.0).view(15.1), (1,)),
+    "target silent": (lambda: _follows(9.0, 2.1), (1, 2, 3, 4, 5, 6)),
     "old state": (lambda: _silence(1.1), (4,)),
     "overspeed": (lambda: _sigma("overspeed", d=None), (1, 2)),
     "long link": (lambda: _state(6, position_ned_m=(60.0, 37.4, -10.0)), (2, 6)),
@@ -207,6 +215,9 @@ def test_all_is_well_when_all_is_well() -> None:
         lambda: _status(4, battery_percent=20.0),
         lambda: _status(4, phase=Phase.HOLD),
         lambda: _other_law(0.9),
+        lambda: _follows(9.0, 1.9),
+        lambda: _follows(1.9, 9.0),
+        lambda: _follows(1.9, None),
         lambda: _status(4, tick=TickReport(500, 0, 1.0, 9.9, 12.0)),
         lambda: _status(4, tick=TickReport(499, 0, 1.0, 100.0, 120.0)),
         lambda: _sigma("inactive", d=None, sigma_lb=0.0, sigma=0.1),
@@ -230,6 +241,13 @@ def test_a_machine_that_does_not_keep_up_is_told_once_for_all() -> None:
             "agents 1-6: the machine can't keep up with --speedup 20: ticks 12.5 of 20 Hz",
         )
     ]
+
+
+def test_a_target_that_was_never_heard_is_told_from_one_that_fell_silent() -> None:
+    stands = ": the formation stands"
+    for silent_s, words in ((6.2, "has not been heard for 6.2 s"), (None, "was never heard")):
+        (alarm,) = alarms(_follows(9.0, silent_s))
+        assert alarm.text == f"agents 1-6: target boat {words}{stands}"
 
 
 def test_a_mixture_of_laws_is_told_with_what_differs() -> None:

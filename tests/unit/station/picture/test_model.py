@@ -20,6 +20,8 @@ from swarm_ctl.core.model.messages import (
     Phase,
     SigmaReport,
     StationBeacon,
+    StepOutcome,
+    StepResult,
     TargetWord,
 )
 from swarm_ctl.core.model.plan import Plan, Policies
@@ -324,5 +326,11 @@ def test_how_far_a_formation_is_off_its_place_about_a_target(ordered: bool) -> N
         return boat.off_m
 
     assert off_m(20.0, **flown) == pytest.approx(5**0.5, abs=0.05)
+    begun = StepResult("follow boat", StepOutcome.RUNNING, 18.5, None)
+    model.fold(status_of(plan, 1, 20.0, step=3, steps=(begun,)), 20.0)
+    (follow,) = model.view(20.5).follows
+    assert (follow.target, follow.agents) == ("boat", (1, 2, 3, 4, 5, 6))
+    assert follow.for_s == pytest.approx(0.5 if ordered else 2.0)
     assert off_m(20.05, step=4) is None
+    assert model.view(20.1).follows == ()
     assert off_m(30.0, **flown) is None
