@@ -273,8 +273,8 @@ def _way_round(
     """Round zones, as a mission's `move` goes; InputError where there is no way."""
     plan, unit = swarm.airspace, swarm.plan.unit_m
     slots = tuple((north / unit, east / unit) for north, east in points_m)
-    before = replace(PlannedFormation.at_start(slots, unit), height_m=_height_m(swarm))
-    among = AmongZones.of(plan, (before.height_m, before.height_m))
+    before = PlannedFormation.at_start(slots, unit)
+    among = AmongZones.of(plan, _heights_m(swarm))
     waypoints_m, opens_m = among.round(before, [to_m])
     way = (before.centre_m, *waypoints_m)
     ways = [way] if opens_m is not None else zip(*map(before.places_m, way), strict=True)
@@ -287,15 +287,16 @@ def _way_round(
     return waypoints_m, opens_m
 
 
-def _height_m(swarm: SwarmNow) -> float:
-    """At which the formation flies by the plan; of several groups, the highest."""
+def _heights_m(swarm: SwarmNow) -> tuple[float, float]:
+    """The lowest and the highest at which an agent flies by the plan."""
     stands = [group.formations(swarm.plan.unit_m) for group in swarm.plan.groups]
-    return max(each[min(max(swarm.step, 1), len(each) - 1)].height_m for each in stands)
+    spans = [each[min(max(swarm.step, 1), len(each) - 1)].span_m for each in stands]
+    return min(low_m for low_m, _ in spans), max(high_m for _, high_m in spans)
 
 
 def _fenced(kind: str, swarm: SwarmNow, places_m: Mapping[int, NDArray[np.float64]]) -> None:
     """InputError where an order would bring an agent out of the geofence, or into a zone."""
-    plan, height_m = swarm.airspace, _height_m(swarm)
+    plan, heights_m = swarm.airspace, _heights_m(swarm)
     polygon = plan.fence.polygon_m if plan.fence else ()
     around = Surroundings.of(plan)
     for agent, at in places_m.items():
@@ -304,7 +305,7 @@ def _fenced(kind: str, swarm: SwarmNow, places_m: Mapping[int, NDArray[np.float6
                 f"{kind}: agent {agent} would be outside the geofence, {at[0]:.1f} m north,"
                 f" {at[1]:.1f} m east of the origin; allowed: places inside fence.polygon"
             )
-        for wall, margins in around.near(complex(at[0], at[1]), height_m, height_m):
+        for wall, margins in around.near(complex(at[0], at[1]), *heights_m):
             if wall.about != FENCE and wall.gap < margins.keep:
                 raise InputError(
                     f"{kind}: agent {agent} would be in {around.name(wall.about)}, or nearer to it"

@@ -70,7 +70,7 @@ class Detour:
         flown, was = self._among(step, before, zones), step if known is None else known[2]
         self._flown[id(step)] = step, zones, flown
         if frame is not None and flown is not was and not counted:
-            among = AmongZones.of(replace(self._plan, zones=zones), _heights_m(before))
+            among = AmongZones.of(replace(self._plan, zones=zones), before.span_m)
             leg, free = _leg(frame, was.way_m, flown.way_m, before, among)
             frame = replace(frame, leg=leg, rate=0.0)
             self._hemmed = None if free else (flown, leg)
@@ -79,13 +79,9 @@ class Detour:
     def _among(self, step: Step, before: PlannedFormation, zones: tuple[Zone, ...]) -> Step:
         if zones == self._plan.zones:
             return step
-        among = AmongZones.of(replace(self._plan, zones=zones), _heights_m(before))
+        among = AmongZones.of(replace(self._plan, zones=zones), before.span_m)
         way_m, opens_m = among.round(before, step.way_m)
         return step if opens_m is not None or way_m == step.way_m else step.on_way(way_m)
-
-
-def _heights_m(before: PlannedFormation) -> tuple[float, float]:
-    return before.height_m, before.height_m
 
 
 def _leg(

@@ -59,6 +59,11 @@ class PlannedFormation:
         return [self.height_m + up_m for up_m in self.ups_m or (0.0,) * len(self.slots)]
 
     @property
+    def span_m(self) -> tuple[float, float]:
+        """Its lowest and its highest place."""
+        return min(self.heights_m), max(self.heights_m)
+
+    @property
     def radius_m(self) -> float:
         """From the centre to the outermost agent."""
         return max(math.hypot(*offset) for offset in self.offsets) * self.unit_m

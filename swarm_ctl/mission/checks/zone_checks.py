@@ -76,11 +76,12 @@ def on_its_way(at: PlannedStep, place: Place) -> list[Mistake]:
     plan, step, before = at.plan, at.step, at.before
     if step.climbs_to_m is not None:
         return []  # over the starts
-    low_m, high_m = (0.0 if step.lands_in_place else before.height_m), before.height_m
     ends_m, around = at.after.places_m(), Surroundings.of(plan)
+    spans_m = list(zip(before.heights_m, at.after.heights_m, strict=True))
     if step.lands_in_place or ends_m != before.places_m():
-        for agent, end in zip(at.group.agents, ends_m, strict=True):
-            near = _too_near(around, end, low_m, high_m)
+        for agent, end, (from_m, to_m) in zip(at.group.agents, ends_m, spans_m, strict=True):
+            heights_m = (0.0, from_m) if step.lands_in_place else (to_m, to_m)
+            near = _too_near(around, end, *heights_m)
             if near is not None and (near.wall.about != FENCE or near.wall.gap > 0.0):
                 does = "would land" if step.lands_in_place else "would be"
                 what = f"agent {agent.id} {does} {_says(around, near)} at {_point(end)}"
@@ -95,9 +96,10 @@ def _cut_ways(at: PlannedStep, place: Place) -> list[Mistake]:
         ways = list(zip(before.places_m(), at.after.places_m(), strict=True))
     if step.file is not None:
         ways = [(before.centre_m, *step.way_m)] * len(at.group.agents)
-    for agent, way in zip(at.group.agents, ways, strict=False):
-        height_m = return_height_m(plan, agent.id) if step.goes_home else before.height_m
-        among = AmongZones.of(plan, (before.height_m, height_m))
+    spans_m = zip(before.heights_m, at.after.heights_m, strict=True)
+    for agent, way, (from_m, to_m) in zip(at.group.agents, ways, spans_m, strict=False):
+        height_m = return_height_m(plan, agent.id) if step.goes_home else to_m
+        among = AmongZones.of(plan, (min(from_m, height_m), max(from_m, height_m)))
         cut = among.cut(way)
         if not cut or ((step.file or not step.path) and among.leads(way)):
             continue

@@ -54,7 +54,7 @@ class Move(Travel[MoveSection, MoveStep]):
     def led(
         self, written: MoveSection, mission: Mission, before: PlannedFormation, pace: Pace
     ) -> MoveStep:
-        among = among_zones(mission, (before.height_m, before.height_m))
+        among = among_zones(mission, before.span_m)
         waypoints_m, opens_m = among.round(before, _waypoints_m(written, before))
         return MoveStep(waypoints_m, *pace, opens_m=opens_m)
 

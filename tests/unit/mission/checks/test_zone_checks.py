@@ -93,6 +93,27 @@ def test_no_place_is_in_a_zone_and_none_lands_in_one() -> None:
         assert found[-1].allowed == "at least 1.75 m away"
 
 
+def test_a_place_is_in_a_zone_at_its_own_height_alone() -> None:
+    """The second slot is 20 m above the flight height: a zone there is in its way, and one at the
+    others' height is not."""
+    flat = loads(TEXT).plan
+    north, east = flat.groups[0].formations(flat.unit_m)[2].places[1]
+    height_m = flat.groups[0].formations(flat.unit_m)[2].height_m
+    shape = TEXT.index("kind: ")
+    ups = ", ".join("20" if k == 1 else "0" for k in range(len(flat.agents)))
+    text = f"{TEXT[:shape]}up_m: [{ups}], {TEXT[shape:]}wake: {{}}\n".replace("slots: nearest", "")
+    for heights, refused in (
+        (f"floor_m: {height_m + 15}, ceiling_m: {height_m + 40}", True),
+        (f"floor_m: 0, ceiling_m: {height_m + 5}", False),
+    ):
+        zone = f"x: {{circle: [{north + 0.3}, {east}], radius: 0.1, {heights}}}"
+        whole = f"{text}zones:\n  {zone}\n"
+        if refused:
+            assert problems(whole)[-1].what.startswith("agent 2 would be 1.00 m from zone x at ")
+        else:
+            assert loads(whole)
+
+
 def test_no_place_is_so_near_to_the_fence_that_the_filter_would_keep_off_it() -> None:
     fence = "fence: {polygon: [[-5, -0.05], [9, -0.05], [9, 9], [-5, 9]]}\n"
     found = problems(TEXT + fence)
