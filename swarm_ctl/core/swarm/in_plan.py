@@ -23,6 +23,7 @@ from swarm_ctl.core.model.messages import (
     SigmaReport,
 )
 from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.swarm.snapshot import TRAFFIC
 
 _MOST: Final = 1e12
 """Of a figure: seconds since 1970 are 2e9, and squares do not overflow."""
@@ -58,9 +59,13 @@ class InPlan:
         )
 
     def in_own_terms(self, payload: Payload) -> Payload:
-        """`own_mission` of any payload."""
+        """`own_mission` of any payload; of a sigma report the pairs of agents: an aircraft or a
+        target that an agent keeps clear of is none."""
         if isinstance(payload, AgentState):
             return self.own_mission(payload)
+        if isinstance(payload, SigmaReport) and any(pair.peer == TRAFFIC for pair in payload.pairs):
+            agents = tuple(pair for pair in payload.pairs if pair.peer != TRAFFIC)
+            return replace(payload, pairs=agents)
         if isinstance(payload, AgentStatus) and payload.agent not in self._ids:
             return replace(
                 payload,

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from swarm_ctl.core.model.text import printable
+from swarm_ctl.core.swarm.snapshot import TRAFFIC
 from swarm_ctl.report.page.drawing import (
     R_IN,
     R_OUT,
@@ -78,7 +79,7 @@ def sigma(history: RunHistory) -> Figure | None:
         numbers = np.array(rows)
         curve = broken(numbers[:, 0], numbers[:, 2], _SIGMA_GAP_S)
         style = {"marker": ".", "markersize": 4, "linewidth": 0.8, **line_style(k)}
-        axes.plot(*curve, label=f"{i}-{j}", **style)
+        axes.plot(*curve, label=f"{i}-{'aircraft' if j == TRAFFIC else j}", **style)
     log_ticks(axes)
     axes.set_xlabel("mission time [s]")
     axes.set_ylabel("$\\sigma$")
