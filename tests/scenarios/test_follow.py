@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -59,9 +60,11 @@ class Boat:
         zones: str = "",
         target: str = "",
         slots: str = "",
+        step: str = "",
     ) -> None:
         text = MISSION.replace("MORE", more).replace("boat: {}", f"boat: {{{target}}}")
         text = text.replace("columns: 2", f"columns: 2{slots}")
+        text = re.sub("follow: .*", step, text) if step else text
         self.mission = loads(text + zones)
         self.swarm = landing_fast(VirtualSwarm(self.mission))
         self._node = Node(MemoryTransport(self.swarm.mesh), "test", "boat.1")
@@ -385,6 +388,26 @@ def test_the_highest_slot_stays_below_the_fence_above_a_target() -> None:
     assert 36.5 < highest < 39.0
     boat.fly(math.inf)
     assert boat.outcomes() == {Outcome.COMPLETED}
+
+
+def test_a_target_that_flies_at_a_standing_vehicle_is_made_way_for() -> None:
+    """At 3 m/s, at its height; the vehicle's top speed is 5."""
+
+    def ram(seconds: float) -> tuple[complex, complex]:
+        return 10 - 20j + 3j * seconds, 3j
+
+    boat, nearest = Boat(ram, target="height_m: 8", step="hold: {duration_s: 25}"), [math.inf]
+
+    def note() -> None:
+        if not math.isinf(boat.began_s):
+            at, _ = ram(boat.swarm.now - boat.began_s)
+            places = boat.swarm.positions().values()
+            nearest.append(min(abs(complex(*place[:2]) - at) for place in places))
+
+    boat.swarm.after_tick = note
+    boat.fly(20.0, after_s=math.inf)
+    assert 2.0 < min(nearest) < 5.0
+    assert boat.swarm.closest_m > 5.0
 
 
 def test_an_order_follows_a_target_until_another_order() -> None:
