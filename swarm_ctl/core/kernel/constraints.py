@@ -172,6 +172,8 @@ class Other(NamedTuple):
     """It flies the same formation."""
 
 
+_WITH: Final = 0.5
+"""Of the formation's velocity."""
 NO_OTHER: Final = Other(
     about=0,
     lower=False,
@@ -183,6 +185,13 @@ NO_OTHER: Final = Other(
     response_s=0.0,
     along=False,
 )
+
+
+def flies_with(setpoint: complex, moving: complex) -> bool:
+    """Whether one that is told to fly this [m/s] makes at least half of the way that its formation
+    makes. One that something else holds up does not: who counts on it flies into it."""
+    along = (setpoint * moving.conjugate()).real
+    return along >= _WITH * (moving * moving.conjugate()).real
 
 
 def flown_s(age_s: float, fresh: bool) -> float:

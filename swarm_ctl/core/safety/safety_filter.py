@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from swarm_ctl.core.kernel import constraints
-from swarm_ctl.core.kernel.constraints import Margins, Other, margins_of
+from swarm_ctl.core.kernel.constraints import Margins, Other, flies_with, margins_of
 from swarm_ctl.core.kernel.decide import (
     PAIRS,
     WALLS,
@@ -204,7 +204,8 @@ class SafetyFilter:
             apart, setpoint, age_s = own - other.stop_point, other.setpoint, other.age_at_most_s
             fresh, yields = other.fresh, other.yields
             if constrains(abs(apart), setpoint, age_s, fresh, yields, reach, margins):
-                about, responds_s, along = other.id, other.response_s, other.formation == key
+                about, responds_s = other.id, other.response_s
+                along = other.formation == key and flies_with(setpoint, formation.velocity)
                 lower = own_id < about
                 near.append(
                     Other(about, lower, apart, setpoint, age_s, fresh, yields, responds_s, along)

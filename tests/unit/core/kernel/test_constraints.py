@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from swarm_ctl.core.kernel import constraints
-from swarm_ctl.core.kernel.constraints import Margins, Other, cap, margins_of, minded
+from swarm_ctl.core.kernel.constraints import Margins, Other, cap, flies_with, margins_of, minded
 from swarm_ctl.core.kernel.program import PAIR, Row, relaxed
 from swarm_ctl.core.kernel.release import NO_RELEASE, noted, swirled, turned
 from swarm_ctl.core.model.plan import LawParameters, Response
@@ -177,3 +177,16 @@ def test_the_swirl_only_turns_what_points_against_the_wish(
         assert out == pytest.approx(avoidance)
     else:
         assert (out * avoidance.conjugate()).real == pytest.approx(abs(avoidance) ** 2)
+
+
+@given(st.complex_numbers(max_magnitude=8), st.complex_numbers(min_magnitude=0.1, max_magnitude=8))
+def test_one_that_does_not_make_the_formations_way_does_not_fly_with_it(
+    setpoint: complex, moving: complex
+) -> None:
+    """One that stands, or flies across or against it, never does; one that flies its velocity and
+    any correction that is smaller than half of it always does."""
+    assert not flies_with(0j, moving)
+    assert not flies_with(setpoint.imag * moving * 1j - abs(setpoint) * moving, moving)
+    correction = setpoint / 8 * 0.49 * abs(moving)
+    assert flies_with(moving + correction, moving)
+    assert flies_with(setpoint, 0j)
