@@ -19,7 +19,7 @@ from swarm_ctl.core.model.messages import Outcome, TargetWord
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryTransport
 from swarm_ctl.mesh.node import Node
-from swarm_ctl.mission.compile.loader import load, loads
+from swarm_ctl.mission.compile.loader import loads
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from tests.on_demand import on_demand
 from tests.scenarios.swarm import landing_fast
@@ -29,6 +29,7 @@ version: 1
 name: boat
 origin: {lat_deg: -35.363262, lon_deg: 149.165237, alt_m: 584}
 lengths: metres
+tick_s: 0.1
 law: {r: 30, r_out: 7.5, r_in: 2.5}
 vehicle: {limits: {speed_mps: 5}}
 agents:
@@ -426,10 +427,14 @@ def test_an_order_follows_a_target_until_another_order() -> None:
     assert boat.outcomes() == {Outcome.COMPLETED}
 
 
-@pytest.mark.parametrize("seed", [1, *(on_demand(seed) for seed in range(2, 21))])
-def test_the_ready_mission_around_a_boat(seed: int) -> None:
-    """Twelve, all steps; the boat is played."""
-    mission = load(Path(__file__).parents[2] / "missions" / "follow.yaml")
+@pytest.mark.parametrize(
+    ("seed", "duration_s"), [(1, 40), *(on_demand(seed, 130) for seed in range(1, 21))]
+)
+def test_the_ready_mission_around_a_boat(seed: int, duration_s: int) -> None:
+    """Twelve, all steps; the boat is played. Past its first turn, or all the way."""
+    path = Path(__file__).parents[2] / "missions" / "follow.yaml"
+    text = path.read_text().replace("duration_s: 130", f"duration_s: {duration_s}")
+    mission = loads(text)
     swarm = landing_fast(VirtualSwarm(mission, seed=seed))
     swarm.wait(lambda s: all(member.ended for member in s.members.values()))
     assert set(swarm.outcomes().values()) == {Outcome.COMPLETED}

@@ -3,38 +3,48 @@ outcome."""
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import pytest
 
 from swarm_ctl.fuzz.invariants import broken
 from swarm_ctl.virtual.scenario import load_scenario
-from swarm_ctl.virtual.scenario_flight import fly_scenario
+from swarm_ctl.virtual.scenario_flight import FlownScenario, fly_scenario
 
+pytestmark = pytest.mark.xdist_group("found")
 FOUND = sorted(Path(__file__).with_name("found").glob("*.yaml"))
+
+
+@cache
+def flown(name: str) -> FlownScenario:
+    """A flight that two tests of a worker look at is flown once."""
+    return fly_scenario(*load_scenario(FOUND[0].with_name(f"{name}.yaml")))
 
 
 @pytest.mark.parametrize("path", FOUND, ids=lambda path: path.stem)
 def test_it_is_mended(path: Path) -> None:
     """Every invariant holds, and the flight ends with the word that it should have."""
     outcome = path.read_text().splitlines()[0].removeprefix("# ")
-    flown = fly_scenario(*load_scenario(path))
-    assert broken(flown) == []
-    assert flown.summary.outcome == outcome, flown.summary.reason
+    found = flown(path.stem)
+    assert broken(found) == []
+    assert found.summary.outcome == outcome, found.summary.reason
 
 
 def test_a_hold_says_its_reason_once() -> None:
     """The reason of a hold is what the step lacked, and stays that."""
-    flown = fly_scenario(*load_scenario(FOUND[0].with_name("held-after-its-time-out.yaml")))
-    held = {status.reason for status in flown.statuses if status.action == "hold"}
+    statuses = flown("held-after-its-time-out").statuses
+    held = {status.reason for status in statuses if status.action == "hold"}
     assert held == {"step 1 (takeoff) timed out after 3.7 s: this agent was not done"}
 
 
 def test_a_flight_is_judged_alike_with_a_folder_and_without(tmp_path: Path) -> None:
     """The judge knows the zones that an operator's order added, also where nothing is written."""
     scenario, mission = load_scenario(FOUND[0].with_name("two-leave-a-new-zone.yaml"))
-    written = fly_scenario(scenario, mission, tmp_path / "run")
-    alone = fly_scenario(scenario, mission)
+    written, alone = (
+        fly_scenario(scenario, mission, tmp_path / "run"),
+        flown("two-leave-a-new-zone"),
+    )
     assert written.summary.reason == alone.summary.reason
     assert "in zone pond" in alone.summary.reason
     assert written.digest == alone.digest
