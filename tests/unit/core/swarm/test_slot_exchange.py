@@ -120,7 +120,7 @@ def test_a_row_that_is_to_turn_round_stays_where_it_is() -> None:
     assert all(abs(swarm.at[i] - at) < 9.0 for i, at in row().items())
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(st.integers(0, 1000), st.floats(0.0, 0.6), st.integers(0, 6), st.permutations(SWAPPED))
 def test_whatever_is_lost_or_late_each_agent_ends_with_a_role_of_its_own(
     seed: int, loss: float, delay: int, slots: list[Point]
@@ -142,7 +142,7 @@ class Restless(SlotExchange):
         return False
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(
     st.integers(0, 1000),
     st.floats(0.0, 0.6),
@@ -167,7 +167,7 @@ def test_a_round_that_is_left_out_would_have_changed_nothing(
                 assert resting.dealers[i].taken == restless.dealers[i].taken
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(st.floats(0.2, 6.0), st.sampled_from(IDS), st.permutations(SWAPPED))
 def test_an_agent_that_dies_in_an_exchange_blocks_none(
     after_s: float, dead: int, slots: list[Point]
