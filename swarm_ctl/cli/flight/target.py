@@ -34,6 +34,7 @@ _FROM: Final = (
     "nmea:ENDPOINT, gpsd:HOST:PORT, mavlink:ENDPOINT, or a .csv or .gpx file, which is played."
 )
 _QUIET_S: Final = 2.0
+"""Without a word for longer, the line says why: the swarm says that the target is silent then."""
 _EVERY: Final = 10
 """Without a terminal, of so many looks one is a line."""
 _ICAO: Final = "mavlink: the aircraft with this ICAO address, as an ADS-B receiver hears it."
@@ -187,7 +188,7 @@ def _in_swarm(
 ) -> tuple[Node, Callable[[], bool]]:
     """On the mesh of a swarm of other hosts, which does not say when it is over."""
     from swarm_ctl.mesh.zenoh_config import part_in
-    from swarm_ctl.runtime.protection import Keys
+    from swarm_ctl.runtime.protection import Keys, operator_identity
     from swarm_ctl.runtime.station.ground_station import open_node
     from swarm_ctl.runtime.station.join import SwarmMesh
 
@@ -196,6 +197,7 @@ def _in_swarm(
     _known(plan, name)
     own = zenoh_settings(zenoh_config, guarded=open_mesh or bool(identity or entries.trust))
     given = Keys(identity, open_mesh, str(fleet or mission), own)
+    operator_identity(entries.trust, identity)  # a viewer's words would be dropped unseen
     swarm = SwarmMesh(plan, entries, mission, mesh, 1.0, given)
     node = open_node(
         plan.name,

@@ -1,7 +1,7 @@
 """Tells a swarm where a target is, as a source says it.
 
-Only what a source says anew is told. Where it has no fix, falls silent or is gone, nobody tells
-anything: the swarm brakes after a second, and does what its mission says. Meanwhile the source is
+Only what a source says anew is told. Where it has no fix, falls silent or is gone, the swarm is
+told nothing: it brakes after a second, and does what its mission says. Meanwhile the source is
 tried again.
 """
 
