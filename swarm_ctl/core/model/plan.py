@@ -15,6 +15,7 @@ file's schema (`mission/sections/written.py`).
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import itertools
 import json
@@ -255,7 +256,7 @@ class PlannedStep(NamedTuple):
         return self.step.title
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)  # no slots: it keeps its hash
 class Plan:
     """A whole mission, checked. `shapes`, by name, are those that may be ordered in flight;
     `prepare_timeout_s` bounds the wait for a healthy vehicle.
@@ -332,6 +333,10 @@ class Plan:
     def hash(self) -> int:
         """A 64-bit fingerprint of the whole plan, the same on every machine (floats rounded to
         1e-9)."""
+        return self._hash
+
+    @functools.cached_property  # 2 ms, and all agents of a flight on the virtual clock ask
+    def _hash(self) -> int:
         return int(fingerprint_of(self), 16)
 
     def fingerprint(self) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import replace
 
@@ -89,9 +88,6 @@ def hexagon_plan(count: int = 6) -> Plan:
     )
 
 
-_plan_hash = functools.cache(Plan.hash)
-
-
 def state_of(plan: Plan, agent: int, time_s: float, seq: int = 1, **changes: object) -> AgentState:
     """A state at the agent's start, flying the form step at 10 m."""
     north, east = plan.agent(agent).start
@@ -99,7 +95,7 @@ def state_of(plan: Plan, agent: int, time_s: float, seq: int = 1, **changes: obj
         agent=agent,
         seq=seq,
         time_s=time_s,
-        plan_hash=_plan_hash(plan),
+        plan_hash=plan.hash(),
         phase=Phase.FLY,
         step=FORM,
         done=False,
@@ -157,12 +153,12 @@ def report_of(peer: int, distance: float, status: str = "paper", **changes: obje
     return replace(made, **changes)  # type: ignore[arg-type]
 
 
-def flying_model(plan: Plan, now_s: float = 30.0) -> Model:
-    """Ten seconds of all agents' states at 20 Hz until `now_s`, a status each, one pair in the
+def flying_model(plan: Plan, now_s: float = 30.0, states: int = 200) -> Model:
+    """So many of all agents' states at 20 Hz until `now_s`, a status each, one pair in the
     avoidance region."""
     model = Model(plan, speedup=5.0, station="station-1")
-    for k in range(200):
-        sent = now_s - 0.03 - 0.05 * (199 - k)
+    for k in range(states):
+        sent = now_s - 0.03 - 0.05 * (states - 1 - k)
         for agent in plan.agents:
             model.fold(state_of(plan, agent.id, sent, seq=1000 + k), sent + 0.01)
     for agent in plan.agents:

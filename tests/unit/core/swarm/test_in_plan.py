@@ -138,7 +138,7 @@ FULL: list[Payload] = [
 @given(st.sampled_from(FULL).flatmap(odd_fields))
 def test_no_word_raises_in_a_station(payload: Payload) -> None:
     """Whatever is in range or not: the picture and all alarms are made, and figures are finite."""
-    model, journal = flying_model(PLAN), Journal()
+    model, journal = flying_model(PLAN, states=20), Journal()
     journal.update(model.view(AT_S - 0.1))
     model.fold(payload, AT_S)
     view: SwarmView = model.view(AT_S)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -222,14 +222,13 @@ def test_a_graph_follows_the_roles() -> None:
     ],
 )
 def test_an_exchange_state_that_makes_no_sense_counts_as_none(deal: ExchangeState) -> None:
-    """Its sender counts as having its own role, and nothing breaks."""
+    """Its sender counts as having its own role, and nothing breaks. -1 is said by one that flies
+    another plan; a place that no plan of so many agents has is not believed at all."""
     swarm = Swarm(SWAPPED, row())
     swarm.tick()
-    state = swarm.state(IDS[2])
-    bad = AgentState(
-        *(deal if name == "deal" else getattr(state, name) for name in AgentState.__slots__)
-    )
-    swarm.peers[IDS[0]].hear(bad, swarm.now)
+    at_s = swarm.now + TICK_S
+    news = replace(swarm.state(IDS[2]), seq=swarm.seq + 1, time_s=at_s, exchange=deal)
+    assert swarm.peers[IDS[0]].hear(news, at_s) == (deal == ExchangeState(role=-1))
     own = swarm.dealers[IDS[0]]
     own.hear()
     own.look(swarm.now + 1, (0.0, 0.0), ("all", 2, 0), ALL_LINKED, new=True)
