@@ -22,7 +22,7 @@ from swarm_ctl.core.model.messages import AgentStatus, Event
 from swarm_ctl.core.model.messages import Phase as AgentPhase
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps
-from swarm_ctl.report.folder.last_statuses import read_events, read_last_statuses
+from swarm_ctl.report.folder.last_statuses import read_events, read_last_statuses, read_statuses
 from swarm_ctl.report.folder.manifest import read_manifest
 from swarm_ctl.report.folder.truth import TRUTH, EventKind, load_truth
 from swarm_ctl.report.judge.summary import SUMMARY, Summary
@@ -219,7 +219,7 @@ class ProcessFlight(SwarmFlight):
 
     def statuses(self) -> Mapping[int, AgentStatus]:
         ids = [agent.id for agent in self.plan.agents]
-        last = read_last_statuses(self.folder, ids, [])
+        last = read_last_statuses(self.folder, read_statuses(self.folder, []), ids, [])
         live = self._client.statuses() if self._client is not None else {}
         return {agent: found.status for agent, found in last.items()} | live
 

@@ -215,7 +215,7 @@ def _zoned(seen: Seen) -> Iterator[str]:
             high = math.inf if zone.ceiling_m is None else zone.ceiling_m
             free_s = _free_s(seen, agent, zone, since_s)
             there = counts & (-track[:, 2] > low) & (-track[:, 2] < high)
-            there &= (truth.time_s >= free_s) & (truth.time_s < lifted_s - STATUS_EVERY_S)
+            there &= (truth.time_s >= free_s) & (truth.time_s < lifted_s)
             for k in np.flatnonzero(there).tolist():
                 n, e, d = track[k].tolist()
                 if zone.contains((n, e)):

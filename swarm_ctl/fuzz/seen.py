@@ -15,8 +15,8 @@ from swarm_ctl.core.kernel.constraints import margins_of
 from swarm_ctl.core.model.messages import AgentStatus, CommandKind
 from swarm_ctl.core.model.steps.table import AnyStep
 from swarm_ctl.mission.checks import envelope
+from swarm_ctl.report.folder.run_folder import ZoneSpell, zone_spells
 from swarm_ctl.report.folder.truth import EventKind
-from swarm_ctl.report.page.run_history import ZoneInForce, told_by
 from swarm_ctl.virtual.scenario import Happening
 from swarm_ctl.virtual.scenario_flight import FlownScenario, GivenOrder
 
@@ -79,12 +79,9 @@ class Seen:
             found[status.agent].append(status)
         return found
 
-    def zones(self, agent: int) -> list[ZoneInForce]:
+    def zones(self, agent: int) -> tuple[ZoneSpell, ...]:
         """Those of the plan, and those of the flight, while this agent said that they hold."""
-        said = self.statuses[agent]
-        if not said:
-            return [ZoneInForce(zone, -math.inf, math.inf) for zone in self.plan.zones]
-        return list(told_by(said, self.plan, -math.inf))
+        return zone_spells(self.plan, self.statuses[agent])
 
     @cached_property
     def parameters(self) -> dict[str, float]:

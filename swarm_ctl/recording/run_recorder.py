@@ -13,6 +13,7 @@ from typing import Final
 from pydantic import TypeAdapter
 
 from swarm_ctl.core.model.messages import Ack, AgentStatus, Command, Event, Outcome, Payload
+from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.recording.mcap_recorder import McapRecorder
 from swarm_ctl.rim import Rim, Trouble
 
@@ -59,10 +60,13 @@ class RunRecorder:
         self._folder = folder
         self._adapter = TypeAdapter(object)
         self._due: dict[int, float] = {}
+        self._zones: dict[int, tuple[Zone, ...] | None] = {}
+        """By agent, as its last status in the file has them."""
         self._last_s = 0.0
 
     def take(self, payload: Payload, received_s: float) -> None:
-        """Record a message; `statuses.jsonl` gets some of the statuses, and the last one."""
+        """Record a message; `statuses.jsonl` gets some of the statuses, those that name other zones
+        than before, and the last one."""
         self._last_s = received_s
         self._mcap.take(payload, received_s)
         match payload:
@@ -75,8 +79,12 @@ class RunRecorder:
 
     def _is_due(self, status: AgentStatus, received_s: float) -> bool:
         """By the own clock: one status from far ahead silences none that come after it."""
-        if status.outcome is Outcome.RUNNING and received_s < self._due.get(status.agent, 0.0):
+        goes_on = status.outcome is Outcome.RUNNING and status.zones == self._zones.get(
+            status.agent
+        )
+        if goes_on and received_s < self._due.get(status.agent, 0.0):
             return False
+        self._zones[status.agent] = status.zones
         every_s = min(_MOST_S, _STATUS_S * max(1.0, len(self._due) / _FEW))
         self._due[status.agent] = received_s + every_s
         return True

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from pydantic import TypeAdapter
 
-from swarm_ctl.core.model.messages import AgentStatus, Command, Event, Outcome, Payload
+from swarm_ctl.core.model.messages import AgentStatus, Event, Outcome, Payload
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
@@ -77,7 +77,6 @@ class Account:
         self.statuses: list[AgentStatus] = []
         self.finals: dict[int, AgentStatus] = {}
         self.events: list[Event] = []
-        self._commands: list[Command] = []
         self._trace = _Trace()
         self._node: Node | None = None
         self._recorder: RunRecorder | None = None
@@ -91,9 +90,10 @@ class Account:
     def watch(self, world: World, mesh: MemoryHub) -> TruthRecorder:
         """Begin: what writes the truth of this world, step by step; the mesh is listened to."""
         mesh.tap = self._pass
-        self._node = Node(MemoryTransport(mesh), "test", "account")
-        agents = [agent.id for agent in self.manifest.plan.agents]
-        self._node.listen(*self._heard, agents=agents)
+        if self._recorder is not None:
+            self._node = Node(MemoryTransport(mesh), "test", "account")
+            agents = [agent.id for agent in self.manifest.plan.agents]
+            self._node.listen(*_HEARD, agents=agents)
         return TruthRecorder(world, self._config, self)
 
     # --- the truth, as its recorder writes it ---
@@ -126,24 +126,14 @@ class Account:
         self.statuses += statuses
         self.events += events
         if self._node is not None:
-            for channel in self._heard:
+            for channel in _HEARD:
                 for payload, _ in self._node.take(channel):
-                    self._keep(payload, now)
+                    self.sent(payload, now)
 
     def sent(self, payload: Payload, now: float) -> None:
-        """What the station itself said."""
-        self._keep(payload, now)
-
-    def _keep(self, payload: Payload, now: float) -> None:
-        if isinstance(payload, Command):
-            self._commands.append(payload)
+        """What the station itself said, or was said to it: it goes into the folder."""
         if self._recorder is not None:
             self._recorder.take(payload, now)
-
-    @property
-    def _heard(self) -> tuple[keys.Channel[Any], ...]:
-        """Commands are judged: they add zones. The rest is for the folder."""
-        return _HEARD if self._recorder is not None else (keys.COMMAND,)
 
     def ended(self, agent: int, status: AgentStatus) -> None:
         """An agent's own last word."""
@@ -192,7 +182,7 @@ class Account:
             agents=ids,
             last=last,
             notes=notes,
-            zones=zone_spells(plan, self._commands),
+            zones=zone_spells(plan, (*self.statuses, *self.finals.values())),
         )
 
     def _final_of(self, notes: list[str]) -> Any:

@@ -21,7 +21,8 @@ FINAL: Final = "agents"
 """Folder of one `<id>.json` per agent: its last AgentStatus, written by the agent at its end,
 or by a station that judges agents of other hosts."""
 STATUSES: Final = "statuses.jsonl"
-"""Every AgentStatus the station heard, one JSON object a line."""
+"""Of the AgentStatus that the station heard some of each agent, all in which its zones are others
+than in the one before, and its last, one JSON object a line."""
 EVENTS: Final = "events.jsonl"
 """Every Event the station heard, one JSON object a line."""
 
@@ -56,14 +57,19 @@ class LastStatus:
 
 
 def read_last_statuses(
-    folder: Path, agents: Iterable[int] | None, notes: list[str], killed: Collection[int] = ()
+    folder: Path,
+    statuses: Iterable[AgentStatus],
+    agents: Iterable[int] | None,
+    notes: list[str],
+    killed: Collection[int] = (),
 ) -> dict[int, LastStatus]:
-    """The last status of each of `agents` (None: of all agents in the folder).
+    """The last status of each of `agents` (None: of all agents in the folder); `statuses` are those
+    that the station heard.
 
     `notes` gets a line for each file that is missing or torn. An agent whose process was `killed`
     has none; the end that the station heard is that of a process which took its vehicle over.
     """
-    before, heard = _heard(folder, notes)
+    before, heard = of_processes(statuses)
     if agents is None:
         written = (path.stem for path in (folder / FINAL).glob("*.json"))
         agents = sorted({int(name) for name in written if name.isdecimal()} | set(heard))
@@ -104,7 +110,7 @@ def last_statuses(
 def flying_successors(folder: Path, killed: Collection[int]) -> dict[int, float]:
     """The agents whose process was `killed` and whose vehicle another one flies: when the station
     heard its last status, by its own clock [s]."""
-    before, heard = _heard(folder, [])
+    before, heard = of_processes(read_statuses(folder, []))
     return {
         agent: heard[agent].time_s
         for agent in killed
@@ -112,10 +118,6 @@ def flying_successors(folder: Path, killed: Collection[int]) -> dict[int, float]
         and heard[agent].outcome is Outcome.RUNNING
         and _is_another(before[agent], heard[agent])
     }
-
-
-def _heard(folder: Path, notes: list[str]) -> tuple[dict[int, AgentStatus], dict[int, AgentStatus]]:
-    return of_processes(_read(folder / STATUSES, _STATUS, notes))
 
 
 def of_processes(
@@ -139,6 +141,11 @@ def _is_another(before: AgentStatus, last: AgentStatus) -> bool:
 
 def _succeeded(before: AgentStatus, last: AgentStatus) -> bool:
     return last.outcome is not Outcome.RUNNING and _is_another(before, last)
+
+
+def read_statuses(folder: Path, notes: list[str]) -> Iterator[AgentStatus]:
+    """Those of `STATUSES`, as `read_events`."""
+    return _read(folder / STATUSES, _STATUS, notes)
 
 
 def read_events(folder: Path, notes: list[str]) -> Iterator[Event]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Collection, Iterable
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -11,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from swarm_ctl.core.model.messages import AgentStatus, Command, StepOutcome
+from swarm_ctl.core.agent.agent import STATUS_EVERY_S
+from swarm_ctl.core.model.messages import AgentStatus, StepOutcome
 from swarm_ctl.core.model.plan import GroupPlan, Plan
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.zones import Zone
@@ -20,12 +23,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.recording.mcap_reader import RECORDING
 from swarm_ctl.recording.mcap_records import RecordingDamage
 from swarm_ctl.report.folder.flight import Flight, flight_of
-from swarm_ctl.report.folder.last_statuses import (
-    COMMANDS,
-    LastStatus,
-    read_commands,
-    read_last_statuses,
-)
+from swarm_ctl.report.folder.last_statuses import LastStatus, read_last_statuses, read_statuses
 from swarm_ctl.report.folder.manifest import Manifest, read_manifest
 from swarm_ctl.report.folder.tracks import Track, read_tracks
 from swarm_ctl.report.folder.truth import TRUTH, Floats, Truth, load_truth
@@ -90,22 +88,51 @@ class ZoneSpell(NamedTuple):
     from_s: float
     """-inf: it is of the mission."""
     until_s: float
+    """inf: to the end."""
 
 
-def zone_spells(plan: Plan, commands: Iterable[Command]) -> tuple[ZoneSpell, ...]:
-    """All zones of a flight, the mission's own first. `commands`: those that a station sent; an
-    update is sent when all agents have taken it in."""
-    begun = dict.fromkeys(plan.zones, -math.inf)
+def zone_spells(plan: Plan, statuses: Iterable[AgentStatus]) -> tuple[ZoneSpell, ...]:
+    """All zones of a flight, the mission's own first, by what agents say twice a second: one begins
+    when more than half of those that speak name it, and ends when more than half do not. It was
+    surely in force then: an end counts as early as it may have been.
+
+    So neither a lost word, nor an agent that was started again and knows the plan alone, nor one
+    whose clock is off, begins or ends a zone of many.
+    """
+    words = sorted(_words_on_zones(plan, statuses), key=lambda word: word[0])
+    said, begun = dict[int, tuple[Zone, ...]](), dict.fromkeys(plan.zones, -math.inf)
     over = list[ZoneSpell]()
-    updates = [c.tuning for c in commands if c.commits and c.tuning is not None]
-    for update in sorted(updates, key=lambda update: update.at_s):
-        zones = plan.zones if update.zones is None else update.zones
-        for zone in [zone for zone in begun if zone not in zones]:
-            over.append(ZoneSpell(zone, begun.pop(zone), update.at_s))
-        for zone in zones:
-            begun.setdefault(zone, update.at_s)
+    for time_s, agent, zones in words:
+        if zones is not None:
+            said[agent] = zones
+        elif len(said) > 1:
+            del said[agent]
+        names = Counter(itertools.chain.from_iterable(said.values()))
+        for zone in [zone for zone in begun if 2 * names[zone] < len(said)]:
+            from_s = begun.pop(zone)
+            over.append(ZoneSpell(zone, from_s, max(from_s, time_s - STATUS_EVERY_S)))
+        for zone in [zone for zone, count in names.items() if 2 * count > len(said)]:
+            begun.setdefault(zone, time_s)
     last = (ZoneSpell(zone, from_s, math.inf) for zone, from_s in begun.items())
     return tuple(sorted((*over, *last), key=lambda spell: spell.from_s))
+
+
+def _words_on_zones(
+    plan: Plan, statuses: Iterable[AgentStatus]
+) -> Iterator[tuple[float, int, tuple[Zone, ...] | None]]:
+    """(time, agent, zones) where an agent first names these; None: with its last word."""
+    of = dict[int, list[AgentStatus]]()
+    for status in statuses:
+        of.setdefault(status.agent, []).append(status)
+    for agent, own in of.items():
+        own.sort(key=lambda status: status.time_s)
+        known: tuple[Zone, ...] | None = None
+        for status in own:
+            zones = plan.zones if status.zones is None else status.zones
+            if zones != known:
+                yield status.time_s, agent, zones
+            known = zones
+        yield own[-1].time_s, agent, None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,7 +188,9 @@ def read_run(folder: Path, killed: Collection[int] = ()) -> RunFolder:
     manifest = _manifest(folder, notes)
     truth = _truth(folder, manifest, notes)
     planned = tuple(agent.id for agent in manifest.plan.agents) if manifest else None
-    last = read_last_statuses(folder, planned, notes, killed)
+    statuses = list(read_statuses(folder, notes))
+    last = read_last_statuses(folder, statuses, planned, notes, killed)
+    statuses += [each.status for each in last.values() if each.final]
     tracks = _tracks(folder, manifest, notes) if manifest else {}
     flight = flown(truth, tracks, manifest, last) if manifest else None
     return RunFolder(
@@ -172,15 +201,8 @@ def read_run(folder: Path, killed: Collection[int] = ()) -> RunFolder:
         agents=planned or tuple(last),
         last=last,
         notes=notes,
-        zones=zone_spells(manifest.plan, _commands(folder, notes)) if manifest else (),
+        zones=zone_spells(manifest.plan, statuses) if manifest else (),
     )
-
-
-def _commands(folder: Path, notes: list[str]) -> list[Command]:
-    """None where no station has kept any, which is no fault."""
-    if not (folder / COMMANDS).exists():
-        return []
-    return [each for each in read_commands(folder, notes) if isinstance(each, Command)]
 
 
 def _manifest(folder: Path, notes: list[str]) -> Manifest | None:

@@ -108,7 +108,7 @@ def _run(history: RunHistory, entries: Iterable[JournalLine], *, aligned: bool) 
                 "since": round(since_s, 1) if math.isfinite(since_s) else None,
                 "until": round(until_s, 1) if math.isfinite(until_s) else None,
             }
-            for z, since_s, until_s in history.zones()
+            for z, since_s, until_s in history.run.zones
         ],
         "targets": [
             {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -14,7 +14,7 @@ from swarm_ctl.core.law.formation import distances
 from swarm_ctl.core.law.graph import edges
 from swarm_ctl.core.model.frames import ned_from_geodetic
 from swarm_ctl.core.model.messages import AgentState, AgentStatus, Payload, SigmaReport, TargetWord
-from swarm_ctl.core.model.plan import Geodetic, Plan, Zone
+from swarm_ctl.core.model.plan import Geodetic, Plan
 from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.targets import PREDICTED_S, STANDS_MPS
 from swarm_ctl.errors import InputError
@@ -41,24 +41,10 @@ class HeardMessages:
     """(time heard, message) of all of them."""
 
 
-_SILENT_S: Final = 2.0
-"""An agent that was silent for longer at the end of the flight does not say what held there."""
-
-
 _GAP_S: Final = 2.0 * PREDICTED_S
 """Two words of a target that are farther apart do not say where it was between them."""
 _OFTEN_S: Final = 0.05
 """Words of several tellers that are no farther apart are one."""
-
-
-class ZoneInForce(NamedTuple):
-    """A zone, and when it held, by the agents' own words twice a second."""
-
-    zone: Zone
-    since_s: float
-    """-inf: from the beginning."""
-    until_s: float
-    """inf: to the end."""
 
 
 class TargetTrack(NamedTuple):
@@ -142,21 +128,6 @@ class RunHistory:
         count = np.maximum(there.sum(axis=1, keepdims=True), 1)
         mean = np.where(there, found, 0.0).sum(axis=1, keepdims=True) / count
         return np.asarray(found - mean)
-
-    def zones(self) -> list[ZoneInForce]:
-        """The plan's, and those that were added in flight: each for as long as an agent said that
-        it holds. A zone that was lifted and added again is there twice."""
-        spans: dict[Zone, list[tuple[float, float]]] = {zone: [] for zone in self.plan.zones}
-        heard = self.heard.statuses.values()
-        end_s = max((said[-1].time_s for said in heard), default=0.0) - _SILENT_S
-        for statuses in heard:
-            for zone, since_s, until_s in told_by(statuses, self.plan, end_s):
-                spans.setdefault(zone, []).append((since_s, until_s))
-        if not self.heard.statuses:
-            spans = {zone: [(-np.inf, np.inf)] for zone in self.plan.zones}
-        return [
-            ZoneInForce(zone, *span) for zone, found in spans.items() for span in _joined(found)
-        ]
 
     def targets(self) -> list[TargetTrack]:
         """Of each target that was told of, its track."""
@@ -255,31 +226,6 @@ def _wanted(track: TargetTrack, step: FollowStep, time_s: Floats) -> Floats:
     course = (north + 1j * east) / np.where(speed < STANDS_MPS, np.nan, speed)
     turned = complex(*offset) * course
     return np.asarray(place + np.stack((turned.real, turned.imag), axis=-1))
-
-
-def told_by(statuses: Sequence[AgentStatus], plan: Plan, end_s: float) -> Iterator[ZoneInForce]:
-    """By one agent: a zone holds from the status that first names it to the first without it, or to
-    the agent's last word, if that was before `end_s`."""
-    since: dict[Zone, float] = {}
-    for k, status in enumerate(statuses):
-        zones = plan.zones if status.zones is None else status.zones
-        for zone in [zone for zone in since if zone not in zones]:
-            yield ZoneInForce(zone, since.pop(zone), status.time_s)
-        for zone in zones:
-            since.setdefault(zone, status.time_s if k or status.zones is not None else -np.inf)
-    last_s = statuses[-1].time_s
-    for zone, since_s in since.items():
-        yield ZoneInForce(zone, since_s, last_s if last_s < end_s else np.inf)
-
-
-def _joined(spans: list[tuple[float, float]]) -> Iterator[tuple[float, float]]:
-    """The times in which one of these holds, those that overlap as one."""
-    found = list[tuple[float, float]]()
-    for since_s, until_s in sorted(spans):
-        if found and since_s <= found[-1][1]:
-            since_s, until_s = found[-1][0], max(found.pop()[1], until_s)
-        found.append((since_s, until_s))
-    return iter(found)
 
 
 def least(values: Floats) -> Floats:

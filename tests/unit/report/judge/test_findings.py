@@ -14,11 +14,10 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.core.model.messages import AgentState, Command, CommandKind, Outcome, Phase, Tuning
+from swarm_ctl.core.model.messages import AgentState, Outcome, Phase
 from swarm_ctl.core.model.steps.return_ import ReturnStep
 from swarm_ctl.core.model.vehicle import OVER_M
 from swarm_ctl.core.model.zones import Zone
-from swarm_ctl.core.swarm.gain_update import planned
 from swarm_ctl.recording.mcap_recorder import McapRecorder
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.report.folder.flight import TrackSource
@@ -79,17 +78,20 @@ def _same(line: Line) -> Line:
     return line
 
 
-def _zoned(run: Path, *zones: Zone, commands: tuple[Command, ...] = ()) -> Summary:
-    """The summary of the run, its mission with these zones."""
-    write_manifest(run, manifest(replace(PLAN, zones=zones)))
-    write_lines(run / "commands.jsonl", *commands)
+def _zoned(run: Path, *zones: Zone, told: tuple[float, tuple[Zone, ...]] | None = None) -> Summary:
+    """The summary of the run, its mission with these zones; from when on its agents told others."""
+    plan = replace(PLAN, zones=zones)
+    write_manifest(run, manifest(plan))
+    since_s, others = told or (math.inf, None)
+    heard = []
+    for agent in range(1, 7):
+        end = replace(account(agent), zones=others)
+        write_status(run, end)
+        times = (20.0, *((since_s,) if told else ()), 45.0)
+        heard += [status_of(plan, agent, t, zones=others if t >= since_s else None) for t in times]
+        heard.append(end)
+    write_lines(run / "statuses.jsonl", *heard)
     return summarise(run, EXIT_CODES)
-
-
-def _holds_from(at_s: float, *zones: Zone) -> Command:
-    """The order that commits an update of the zones."""
-    tuning = Tuning(planned(PLAN), at_s, zones=zones)
-    return Command(f"zones-{at_s:g}", CommandKind.APPLY, (), at_s - 2.0, tuning=tuning, commits=7)
 
 
 # --- by the truth ---
@@ -133,9 +135,9 @@ def test_a_vehicle_below_or_above_a_zone_is_in_none(run: Path, heights: dict[str
 def test_a_zone_counts_while_it_is_in_force(run: Path) -> None:
     """Agent 3 is in it from 31 s on. Added before that, it counts; lifted before that, it does
     not; added over the vehicle, it counts when that comes back, which it does not."""
-    assert _zoned(run, commands=(_holds_from(25.0, NEAR_3),)).outcome == "failed"
-    assert _zoned(run, NEAR_3, commands=(_holds_from(25.0),)).outcome == "completed"
-    over = _zoned(run, commands=(_holds_from(40.0, NEAR_3),))
+    assert _zoned(run, told=(25.0, (NEAR_3,))).outcome == "failed"
+    assert _zoned(run, NEAR_3, told=(25.0, ())).outcome == "completed"
+    over = _zoned(run, told=(40.0, (NEAR_3,)))
     assert over.outcome == "completed"
     assert over.nearest_zone is not None
     assert over.nearest_zone.agent != 3

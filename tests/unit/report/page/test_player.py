@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import math
 import re
 import shutil
 from collections.abc import Iterator
@@ -19,13 +20,13 @@ from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.core.model.messages import TargetWord
 from swarm_ctl.core.model.plan import Zone
 from swarm_ctl.core.model.steps.follow import FollowStep
+from swarm_ctl.report.folder.run_folder import ZoneSpell
 from swarm_ctl.report.page.html_page import make_comparison, make_report
 from swarm_ctl.report.page.player import OFF_M, player
-from swarm_ctl.report.page.run_history import HeardMessages, RunHistory, read_history
+from swarm_ctl.report.page.run_history import RunHistory, read_history
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import EntryKind, JournalLine
 from tests.unit.report.run_folders import FORM, HOLD, draw_nothing, position, write_run
-from tests.unit.station.swarm import status_of
 
 EVIL = "</script><script>document.title='run'</script>"
 
@@ -85,29 +86,12 @@ def test_the_values_are_those_of_the_flight(history: RunHistory) -> None:
 
 
 def test_zones_are_shown_while_they_hold(history: RunHistory) -> None:
-    """Those of the plan until they are lifted, those of the flight from when an agent first says
-    that they hold. The last word of an agent that fell silent is no word on the rest."""
-    old, new, last = (Zone(name, ((50.0, 5.0 * k),), 1.0, 1.25) for k, name in enumerate("abc"))
-    plan = replace(history.plan, zones=(old,))
-    words = {
-        1: [(1.0, None), (10.0, (old, new)), (20.0, (new,)), (30.0, (new, last))],
-        2: [(1.2, None), (9.6, (old, new)), (20.3, (new,)), (30.1, (new, last))],
-        3: [(1.1, None), (9.9, (old, new))],
-    }
-    heard = HeardMessages(
-        statuses={
-            agent: [status_of(plan, agent, at, zones=zones) for at, zones in told]
-            for agent, told in words.items()
-        }
-    )
-    manifest = history.manifest.model_copy(update={"plan": plan})
-    (run,) = data_of(player([(replace(history, manifest=manifest, heard=heard), [])]))["runs"]
+    a, b = (Zone(name, ((50.0, 5.0 * k),), 1.0, 1.25) for k, name in enumerate("ab"))
+    spells = (ZoneSpell(a, -math.inf, 20.3), ZoneSpell(b, 9.62, math.inf))
+    told = replace(history, run=replace(history.run, zones=spells))
+    (run,) = data_of(player([(told, [])]))["runs"]
     shown = [(zone["name"], zone["since"], zone["until"]) for zone in run["zones"]]
-    assert shown == [("a", None, 20.3), ("b", 9.6, None), ("c", 30.0, None)]
-    (run,) = data_of(player([(replace(history, manifest=manifest), [])]))["runs"]
-    assert [(zone["name"], zone["since"], zone["until"]) for zone in run["zones"]] == [
-        ("a", None, None)
-    ]
+    assert shown == [("a", None, 20.3), ("b", 9.6, None)]
 
 
 def followed(history: RunHistory, off_m: tuple[float, float]) -> RunHistory:
