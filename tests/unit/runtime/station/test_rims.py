@@ -3,6 +3,7 @@ beacons and commands go on."""
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import os
@@ -94,8 +95,10 @@ def plugged(monkeypatch: pytest.MonkeyPatch, path: str, share: float) -> Plug:
 def test_an_error_in_what_shows_leaves_beacons_and_commands(
     part: str, share: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each part fails now and then, and always: six seconds of beacons, a landing that is obeyed at
+    """Each part fails now and then, and always: ten more beacons, of which none comes later than 25
+    turns of an agent after another (half a second on an idle machine), a landing that is obeyed at
     once, an orderly end, and the part is named in the record and to the operator."""
+    silent = part in ("troubles", "lines", "screen")
     made = manifest(speedup=10.0, epoch_s=time.monotonic())
     clock = Clock(made.epoch_s, made.speedup)
     hub = MemoryHub(clock.now)
@@ -124,12 +127,19 @@ def test_an_error_in_what_shows_leaves_beacons_and_commands(
 
     worker = threading.Thread(target=work, daemon=True)
     worker.start()
-    heard, commands = list[float](), list[Command]()
-    until = time.monotonic() + 1.2
+    turns, before, heard, commands, said = 0, 0, list[int](), list[Command](), b""
+    os.set_blocking(read, False)
+    until = time.monotonic() + 60.0
     while time.monotonic() < until:
         agent.send(keys.STATE, state_of(PLAN, 1, clock.now()))
         agent.send(keys.STATUS, status_of(PLAN, 1, clock.now()))
-        heard += [beacon.time_s for beacon, _ in agent.take(keys.BEACON)]
+        turns += 1
+        heard += [turns for _ in agent.take(keys.BEACON)]
+        before = before if plug.raised else len(heard)
+        with contextlib.suppress(BlockingIOError):
+            said += os.read(read, 65536)
+        if len(heard) >= before + 10 and (silent or b"the flight goes on" in said):
+            break
         time.sleep(0.02)
     os.write(control, b'{"command": "land"}\n')
     until = time.monotonic() + 5.0
@@ -141,18 +151,17 @@ def test_an_error_in_what_shows_leaves_beacons_and_commands(
     assert not worker.is_alive()
     recorder.close()
     os.close(write)
-    said = b""
+    os.set_blocking(read, True)
     while data := os.read(read, 65536):
         said += data
     for each in (orders, control, read):
         os.close(each)
     assert failed == []
     assert plug.raised > 0
-    assert len(heard) >= 10
-    assert max(b - a for a, b in itertools.pairwise(heard)) < 5.0
+    assert len(heard) >= before + 10
+    assert max(b - a for a, b in itertools.pairwise(heard)) < 25
     assert [command.kind for command in commands[:1]] == ["land"]
-    if part not in ("troubles", "lines", "screen"):
-        assert b"the flight goes on" in said
+    assert silent or b"the flight goes on" in said
     if part not in ("troubles", "lines"):
         assert any(word in "".join(read_troubles(tmp_path)) for word in ("failed at", "stopped at"))
 

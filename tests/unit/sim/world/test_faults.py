@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from swarm_sim.config import SimConfig
 from swarm_sim.firmware.parameters.fault_parameters import SIM_DEFAULTS
 from swarm_sim.world.faults import TICK_S
+from tests.scenarios.swarm import flown_once
 from tests.unit.sim.harness import ARM, GUIDED, LAND, SET_MODE, Flight, config, setpoint_fields
 from tests.unit.sim.network.test_hub import HELLO, A, Clients
 
@@ -379,7 +380,11 @@ BRIEF = {
 """Faults that a hovering vehicle survives for half a second: all but those that end its flight."""
 
 
+hovering_again = flown_once(hovering)
+
+
 @PERSONAS
+@settings(max_examples=20)
 @given(names=st.sets(st.sampled_from(sorted(BRIEF)), min_size=1), for_s=st.floats(0.1, 0.6))
 @example(names=set(BRIEF), for_s=0.5)
 @example(names={"SIM_VEL_NOISE"}, for_s=0.5)
@@ -391,7 +396,7 @@ def test_a_fault_that_has_ended_has_left_nothing(
 ) -> None:
     """The vehicle's world is as before, and the vehicle comes back to its place."""
     assert SIM_DEFAULTS.keys() - BRIEF.keys() == {"SIM_GPS_OFF", "SIM_REBOOT"}
-    flight = hovering(persona)
+    flight = hovering_again(persona)
     vehicle, state = flight.world.vehicles[0], flight.world.groups[persona].state
     here = flight.ned()
     put(flight, **{name: BRIEF[name] for name in names})
