@@ -19,9 +19,18 @@ from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from swarm_sim.firmware import autopilot
 
-__all__ = ["VirtualSwarm", "at_step", "flown_once", "landing_fast", "low_hexagon"]
+__all__ = [
+    "VirtualSwarm",
+    "at_half_rate",
+    "at_step",
+    "flown_once",
+    "landing_fast",
+    "low_hexagon",
+    "ready",
+]
 
-HEXAGON = Path(__file__).parents[2] / "missions" / "hexagon.yaml"
+READY = Path(__file__).parents[2] / "missions"
+HEXAGON = READY / "hexagon.yaml"
 
 P, S = ParamSpec("P"), TypeVar("S")
 _FLOWN: dict[Any, dict[int, VirtualSwarm]] = {}
@@ -51,6 +60,19 @@ def low_hexagon() -> LoadedMission:
         assert own in text
         text = text.replace(own, here)
     return loads(text)
+
+
+def ready(name: str) -> str:
+    """The text of a ready mission."""
+    return (READY / name).read_text(encoding="utf-8")
+
+
+def at_half_rate(name: str) -> str:
+    """The text of a ready mission in metres, at half the rate: for half the work."""
+    text, law = ready(name), "r_in: 2.5}"
+    assert text.count(law) == 1
+    assert "tick_s" not in text
+    return text.replace(law, "r_in: 2.5, kappa: 10}\ntick_s: 0.1")
 
 
 def landing_fast(swarm: VirtualSwarm) -> VirtualSwarm:

@@ -7,7 +7,6 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,7 +21,7 @@ from swarm_ctl.mesh.node import Node
 from swarm_ctl.mission.compile.loader import loads
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from tests.on_demand import on_demand
-from tests.scenarios.swarm import landing_fast
+from tests.scenarios.swarm import at_half_rate, landing_fast, ready
 
 MISSION = """\
 version: 1
@@ -428,12 +427,14 @@ def test_an_order_follows_a_target_until_another_order() -> None:
 
 
 @pytest.mark.parametrize(
-    ("seed", "duration_s"), [(1, 40), *(on_demand(seed, 130) for seed in range(1, 21))]
+    ("ready", "seed", "duration_s"),
+    [(at_half_rate, 1, 40), *(on_demand(ready, seed, 130) for seed in range(1, 21))],
 )
-def test_the_ready_mission_around_a_boat(seed: int, duration_s: int) -> None:
+def test_the_ready_mission_around_a_boat(
+    ready: Callable[[str], str], seed: int, duration_s: int
+) -> None:
     """Twelve, all steps; the boat is played. Past its first turn, or all the way."""
-    path = Path(__file__).parents[2] / "missions" / "follow.yaml"
-    text = path.read_text().replace("duration_s: 130", f"duration_s: {duration_s}")
+    text = ready("follow.yaml").replace("duration_s: 130", f"duration_s: {duration_s}")
     mission = loads(text)
     swarm = landing_fast(VirtualSwarm(mission, seed=seed))
     swarm.wait(lambda s: all(member.ended for member in s.members.values()))

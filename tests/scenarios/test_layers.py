@@ -7,16 +7,15 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
 
 from swarm_ctl.core.kernel.constraints import margins_of
 from swarm_ctl.mesh import keys
-from swarm_ctl.mission.compile.loader import LoadedMission, load, loads
+from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from tests.on_demand import on_demand
-from tests.scenarios.swarm import deaf, landing_fast
+from tests.scenarios.swarm import at_half_rate, deaf, landing_fast, ready
 
 HEAD = """\
 version: 1
@@ -103,10 +102,14 @@ def test_two_swap_heights_at_one_place(seed: int) -> None:
     assert swarm.closest_m >= 2.5  # as the swarm's own judge says
 
 
-@pytest.mark.parametrize("seed", [1, *(on_demand(seed) for seed in range(2, 21))])
-def test_the_ready_mission_whose_layers_change_places(seed: int) -> None:
+@pytest.mark.parametrize(
+    ("ready", "seed"), [(at_half_rate, 1), *(on_demand(ready, seed) for seed in range(1, 21))]
+)
+def test_the_ready_mission_whose_layers_change_places(
+    ready: Callable[[str], str], seed: int
+) -> None:
     """All steps; twenty seeds with real processes: `tests/system/test_lockstep.py`, on demand."""
-    mission = load(Path(__file__).parents[2] / "missions" / "layers.yaml")
+    mission = loads(ready("layers.yaml"))
     swarm, found = flown(mission, seed)
     assert set(swarm.outcomes().values()) == {"completed"}
     assert kept(mission, found)
