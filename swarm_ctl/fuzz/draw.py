@@ -79,12 +79,18 @@ class Dice:
 
 _SWAPS: Final = 0.2
 """Of all missions: their agents change sides."""
-_LAYERED: Final = 0.1
+_LAYERED: Final = 0.15
 """Of `form` steps: their slots lie at several heights."""
 _FAIR: Final = 0.12
 """Of all flights: nothing happens in them, so the forecast has to hold."""
 _REZONED: Final = 0.25
 """Of the flights that are not fair, beside the orders that are drawn as all happenings are."""
+_OTHER_CLOCKS: Final = 0.12
+"""Of the flights; of the fair ones, which have nothing else, three times as many."""
+_ANSWERED: Final = 0.3
+"""Of what happens: the operator gives an order soon after, or takes back one that holds."""
+_DIES_CROSSING: Final = 0.3
+"""Of the missions whose agents change sides."""
 _TRIES: Final = 200
 _PILOTS: Final = get_args(Pilot)
 
@@ -126,9 +132,12 @@ def _scenario(dice: Dice, wanted: Coverage, name: str, of: Data | None) -> Data:
     else:
         mission = dict(of)
     scenario: Data = {"version": 1, "name": name, "mission": mission, "seed": dice.whole(0, 10**6)}
+    ids = sorted(agent["id"] for agent in mission["agents"])
+    if dice.chance(3.0 * _OTHER_CLOCKS if fair else _OTHER_CLOCKS):
+        ahead_s, drift = dice.signed(0.1, 50, 1), dice.pick((0.0, 1e-4, -5e-4))
+        scenario["clocks"] = [{"agents": _some(dice, ids), "ahead_s": ahead_s, "drift": drift}]
     if fair:
         return scenario
-    ids = sorted(agent["id"] for agent in mission["agents"])
     if dice.chance(0.5) and "simulation" not in mission:
         mission["simulation"] = {"since": "start", "parameters": _weather(dice)}
     if dice.chance(0.35):
@@ -139,12 +148,12 @@ def _scenario(dice: Dice, wanted: Coverage, name: str, of: Data | None) -> Data:
             "duplicate": dice.pick((0.0, 0.1)),
         }
         scenario["mesh"] = {name: value for name, value in quality.items() if value}
-    if dice.chance(0.12):
-        ahead_s, drift = dice.signed(0.1, 50, 1), dice.pick((0.0, 1e-4, -5e-4))
-        scenario["clocks"] = [{"agents": _some(dice, ids), "ahead_s": ahead_s, "drift": drift}]
     steps = [next(iter(step)) if isinstance(step, dict) else step for step in mission["steps"]]
     shapes = [*mission.get("shapes", {})]
     scenario["happens"] = _happenings(dice, wanted, ids, steps, shapes)
+    if of is None and _changes_sides(mission) and dice.chance(_DIES_CROSSING):
+        crossing = {"at_s": dice.number(18, 45, 1)}
+        scenario["happens"].append(crossing | {"kill": [dice.pick(ids)]})
     if dice.chance(_REZONED):
         scenario["happens"] += _rezoned(dice, mission)
     return scenario
@@ -204,7 +213,24 @@ def _happenings(
         found += _happening(dice, what, at_s, ids, shapes)
         if found and not found[-1].get("order"):
             after = what.split()[0]
+        if found and dice.chance(_ANSWERED):
+            found += _answer(dice, found[-1], ids, shapes)
     return found
+
+
+def _answer(dice: Dice, happening: Data, ids: list[int], shapes: list[str]) -> list[Data]:
+    """What the operator orders after this: on again, after an order that holds; else something
+    quick."""
+    at_s, line = happening["at_s"], happening.get("order", "")
+    kind, _, rest = line.partition(" ")
+    if line and kind not in ("hold", "expel"):
+        return []
+    if line:
+        again = "resume" if kind == "hold" else "readmit"
+        at_s = round(at_s + dice.number(2, 40, 1), 1)
+        return [{"at_s": at_s, "order": f"{again} {rest}".strip()}]
+    order = _order(dice, dice.pick(("land", "return", "hold", "resume", "next")), ids, shapes)
+    return [{"at_s": round(at_s + dice.number(0.2, 8, 1), 1), "order": order}]
 
 
 def _happening(dice: Dice, what: str, at_s: float, ids: list[int], shapes: list[str]) -> list[Data]:
@@ -283,9 +309,9 @@ def _fault(dice: Dice, name: str) -> Data:
         "DELAY": dice.number(0.05, 0.6),
         "GPS_ACC": dice.pick((1.2, 4.0)),
         "GPS_DRIFT": dice.number(0.2, 3.0, 1),
-        "GPS_JUMP_D": dice.signed(1, 6, 0),
-        "GPS_JUMP_E": dice.signed(1, 6, 0),
-        "GPS_JUMP_N": dice.signed(1, 6, 0),
+        "GPS_JUMP_D": dice.signed(1, 15, 0),
+        "GPS_JUMP_E": dice.signed(1, 15, 0),
+        "GPS_JUMP_N": dice.signed(1, 15, 0),
         "GPS_NOISE": dice.number(0.1, 1.5, 1),
         "GPS_SATS": 4,
         "LOSS": dice.whole(5, 80),
@@ -347,6 +373,11 @@ def _mission(dice: Dice, wanted: Coverage, *, fair: bool) -> Data:
     if dice.chance(_SWAPS):
         _swap(dice, mission, spacing)
     return _in_metres(mission) if dice.chance(0.1) else mission
+
+
+def _changes_sides(mission: Data) -> bool:
+    """By `_swap`."""
+    return mission["shapes"]["one"]["kind"] == mission["shapes"]["other"]["kind"] == "offsets"
 
 
 def _swap(dice: Dice, mission: Data, spacing: float) -> None:
@@ -526,7 +557,7 @@ def _body(dice: Dice, kind: str, ids: list[int], speed_mps: float, *, fair: bool
         body["tolerance_m"] = dice.number(0.4, 0.9, 1)
     if kind == "form":
         body |= {"shape": dice.pick(("one", "other")), "timeout_s": 60.0}
-        if not fair and dice.chance(0.1):
+        if not fair and dice.chance(0.2):
             body["timeout_s"] = dice.number(2, 9, 1)
         if dice.chance(0.25):
             body["slots"] = "fixed"

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +21,7 @@ import numpy.typing as npt
 from swarm_ctl.core.agent.agent import STATUS_EVERY_S
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Outcome, Phase, StepOutcome
-from swarm_ctl.core.model.plan import Policy, Zone
+from swarm_ctl.core.model.plan import Fence, Policy, Zone
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.vehicle import MISPLACED_M, OVER_M
 from swarm_ctl.core.safety.fence import inside
@@ -52,8 +52,12 @@ _STANDS_MPS: Final = 1.0
 """Who begins to land is slower than this, in still air ..."""
 _BRAKES_S: Final = 2.5
 """... or has braked for so long by its words, which come at 2 Hz."""
+_ALONE_S: Final = 4.5
+"""A vehicle follows its last setpoint for a second at most, and then it brakes."""
 _BLIND_S: Final = 1.5
 """Without a position for so long an agent says so."""
+_EARLY_S: Final = 2.0
+"""Holds begin and end between two statuses."""
 _BATTERY_S: Final = 600.0
 """A full one lasts so long."""
 _FAIR: Final = 1.5
@@ -175,31 +179,66 @@ def _flown_by_agents(seen: Seen, agent: int) -> npt.NDArray[np.bool_]:
 
 
 def _fenced(seen: Seen) -> Iterator[str]:
-    fence, truth = seen.plan.fence, seen.truth
-    if fence is None or seen.plan.policies.fence is Policy.CONTINUE:
+    fence, truth, policy = seen.plan.fence, seen.truth, seen.plan.policies.fence
+    if fence is None or policy is Policy.CONTINUE:
         return
     for agent in set(seen.ids) - seen.elsewhen:
-        until_s = min(seen.taken[agent], seen.first(agent, "kill", "stop"))
-        track, flies = seen.track(agent), seen.airborne(agent)
-        polygon = np.array(fence.polygon_m)
-        north, east = polygon.mean(axis=0) if len(polygon) else (0.0, 0.0)
+        dead_s = seen.first(agent, "kill", "stop")
+        told = _misled(seen, agent)
+        until_s = min(dead_s, seen.taken[agent]) if told is None else min(dead_s, told.until_s)
+        track = seen.track(agent) + (0.0 if told is None else told.off_m)
+        counts = seen.airborne(agent) & (truth.time_s < until_s)
+        if told is not None:
+            counts &= (truth.time_s >= told.from_s) & _flown_by_agents(seen, agent)
         out_s = None
-        for k in np.flatnonzero(flies & (truth.time_s < until_s)).tolist():
+        for k in np.flatnonzero(counts).tolist():
             n, e, d = track[k].tolist()
-            way = math.hypot(n - north, e - east) or 1.0
-            back = min(1.0, _OUT_M / way)  # a point that much nearer to the middle
-            nearer = (n + (north - n) * back, e + (east - e) * back)
-            beyond = -d > fence.height_m + _OUT_M or not inside(fence.polygon_m, nearer)
-            if not beyond:
+            if not _far_out(fence, n, e, d):
                 out_s = None
                 continue
             out_s = float(truth.time_s[k]) if out_s is None else out_s
-            if truth.time_s[k] - out_s > _OUT_S and not _acts(seen, agent, out_s):
+            if truth.time_s[k] - out_s > _OUT_S and not _acts(seen, agent, out_s, policy):
+                was = "was" if told is None else "was told to be"
                 yield (
-                    f"agent {agent} was at ({n:.1f}, {e:.1f}), {-d:.1f} m high, out of the fence,"
-                    f" from {out_s:.1f} s on, and did nothing"
+                    f"agent {agent} {was} at ({n:.1f}, {e:.1f}), {-d:.1f} m high, out of the fence,"
+                    f" from {out_s:.1f} s on, and did not {policy}"
                 )
                 break
+
+
+def _far_out(fence: Fence, north: float, east: float, down: float) -> bool:
+    """Beyond the fence by more than `_OUT_M`."""
+    polygon = np.array(fence.polygon_m)
+    middle = polygon.mean(axis=0).tolist() if len(polygon) else (0.0, 0.0)
+    way = math.hypot(north - middle[0], east - middle[1]) or 1.0
+    back = min(1.0, _OUT_M / way)  # a point that much nearer to the middle
+    nearer = (north + (middle[0] - north) * back, east + (middle[1] - east) * back)
+    return -down > fence.height_m + _OUT_M or not inside(fence.polygon_m, nearer)
+
+
+class _Misled(NamedTuple):
+    """What a vehicle believes while its GPS has jumped."""
+
+    from_s: float
+    until_s: float
+    off_m: npt.NDArray[np.float64]
+    """(3,), its word less the truth."""
+
+
+def _misled(seen: Seen, agent: int) -> _Misled | None:
+    """Where a jump of its GPS alone takes the agent's vehicle out of the swarm's hands: until then
+    it is where it says, and from then on so far beside."""
+    taken_s, found = seen.taken[agent], None
+    if seen.from_start and not seen.parameters:
+        for from_s, until_s, agents, values, pilot in seen.faults:
+            if agent not in agents or until_s <= taken_s:
+                continue
+            jump = np.array([values.get(f"SIM_GPS_JUMP_{axis}", 0.0) for axis in "NED"])
+            if found is None and from_s == taken_s and values and not pilot and jump.any():
+                found = _Misled(from_s, until_s, jump)
+            elif found is not None:
+                found = found._replace(until_s=min(found.until_s, from_s))
+    return found
 
 
 def _zoned(seen: Seen) -> Iterator[str]:
@@ -245,15 +284,15 @@ def _free_s(seen: Seen, agent: int, zone: Zone, since_s: float) -> float:
     return since_s + leaves_s
 
 
-def _acts(seen: Seen, agent: int, at_s: float) -> bool:
-    """Whether the agent did something else than its mission by then, or had ended."""
-    for status in seen.statuses[agent]:
-        if status.time_s <= at_s + _ACTS_S and status.action is not None:
-            return True
-        if status.time_s <= at_s + _ACTS_S and status.phase in (Phase.LAND, Phase.RETURN):
-            return True
-    last = seen.statuses[agent][-1:]
-    return not last or last[0].phase is Phase.ENDED
+def _acts(seen: Seen, agent: int, at_s: float, policy: Policy) -> bool:
+    """Whether the agent did what this policy says by then, or more, or had ended."""
+    said = [s for s in seen.statuses[agent] if at_s - 1.0 <= s.time_s <= at_s + _ACTS_S]
+    least = FailsafeAction(policy.value).rank
+    return not said or any(
+        s.phase in (Phase.LAND, Phase.RETURN, Phase.ENDED)
+        or (s.action is not None and s.action.rank >= least)
+        for s in said
+    )
 
 
 def _ordered(seen: Seen) -> Iterator[str]:
@@ -279,6 +318,7 @@ def _ordered(seen: Seen) -> Iterator[str]:
                 at = float(truth.time_s[run][int(moved.argmax())])
                 yield f"agent {agent} moved by {moved.max():.1f} m on the ground by {at:.1f} s"
         yield from _lands_in_flight(seen, agent)
+        yield from _flies_alone(seen, agent)
         for order in seen.orders(agent, CommandKind.LAND):
             moved_m = _way_down(seen, agent, order.at_s)
             if moved_m > _may_slide(seen):
@@ -316,6 +356,27 @@ def _lands_in_flight(seen: Seen, agent: int) -> Iterator[str]:
             yield f"agent {agent} began to land at {status.time_s:.1f} s at {slowest_mps:.1f} m/s"
 
 
+def _flies_alone(seen: Seen, agent: int) -> Iterator[str]:
+    """A vehicle whose agent is dead or stopped has its own failsafe: it stands, or lands."""
+    time_s, speed_mps = seen.truth.time_s, seen.speed_mps(agent)
+    most_mps = _STANDS_MPS + 0.5 * seen.wind_mps + seen.misjudged_m
+    for each in seen.of("kill", "stop"):
+        if agent not in (each.kill or each.stop or ()):
+            continue
+        said = [s for s in seen.statuses[agent] if s.time_s <= each.at_s][-1:]
+        if agent in seen.elsewhen or not said or said[0].phase not in _FLIES:
+            continue
+        back_s = [b.at_s for b in seen.of("restart") if agent in (b.restart or ())]
+        ends = [each.until_s] if each.for_s else []
+        ends += [at for at in back_s if at > each.at_s]
+        until_s = min([*ends, seen.taken[agent], each.at_s + _ALONE_S + _LEAVES_S])
+        when = (time_s > each.at_s + _ALONE_S) & (time_s < until_s) & seen.airborne(agent)
+        fast_mps = float(speed_mps[when].max(initial=0.0))
+        if fast_mps > most_mps:
+            gone = f"agent {agent} fell silent at {each.at_s:g} s"
+            yield f"{gone}, and {_ALONE_S:g} s later its vehicle flew on at {fast_mps:.1f} m/s"
+
+
 _FLIES: Final = (Phase.FLY, Phase.HOLD, Phase.RETURN)
 
 
@@ -350,8 +411,26 @@ def _obeys(seen: Seen) -> Iterator[str]:
         for order, later in itertools.zip_longest(given, given[1:]):
             until_s = min(hands_s, later.at_s if later is not None else math.inf)
             text = _obeyed(seen, agent, order, until_s)
+            if not text and later is None:
+                text = _given_back(seen, agent, order)
             if text:
                 yield f"agent {agent} accepted `{order.line}` at {order.at_s:g} s, and {text}"
+
+
+def _given_back(seen: Seen, agent: int, order: GivenOrder) -> str:
+    """What became of the vehicle that an agent takes again from a pilot, or ''."""
+    if order.sent is None or order.sent.command.kind != CommandKind.RESUME:
+        return ""
+    said, at_s = seen.statuses[agent], order.at_s
+    before = [s for s in said if s.time_s <= at_s][-1:]
+    again_s = min(
+        (f for f, _, agents, _, _ in seen.faults if agent in agents and f > at_s), default=math.inf
+    )
+    until_s = min(at_s + 2.0 * _ACTS_S, again_s, seen.first(agent, "kill", "stop", "clock", "says"))
+    after = [s for s in said if at_s + 2.0 < s.time_s < until_s]
+    if agent in seen.elsewhen or not before or before[0].phase is not Phase.YIELD or not after:
+        return ""
+    return "left its vehicle to the pilot" if all(s.phase is Phase.YIELD for s in after) else ""
 
 
 def _obeyed(seen: Seen, agent: int, order: GivenOrder, until_s: float) -> str:
@@ -431,6 +510,7 @@ def _policies_act(seen: Seen) -> Iterator[str]:
     """Of what is certain: an agent that is dead or stopped, a station that is gone, long enough."""
     policies = seen.plan.policies
     yield from _times_out(seen)
+    yield from _gives_up_early(seen)
     yield from _runs_empty(seen)
     yield from _flies_against_a_pilot(seen)
     yield from _flies_blind(seen)
@@ -473,6 +553,28 @@ def _times_out(seen: Seen) -> Iterator[str]:
                 yield (
                     f"agent {agent} was in {result.name} for {took_s:.0f} s, its time-out is"
                     f" {step.timeout_s:g} s"
+                )
+
+
+def _gives_up_early(seen: Seen) -> Iterator[str]:
+    """The time-out of a step waits for what holds it up: an order, or a policy."""
+    for agent in set(seen.ids) - seen.elsewhen:
+        said = seen.statuses[agent][-1:]
+        changed_s = min(seen.lies[agent], seen.first(agent, "stop", "restart"))
+        for result, step in zip(said[0].steps[1:] if said else (), seen.steps, strict=False):
+            end_s = result.end_s
+            if result.result is not StepOutcome.TIMEOUT or end_s is None or end_s > changed_s:
+                continue
+            held = sum(
+                s.action is FailsafeAction.HOLD or s.reason.startswith("the operator commands")
+                for s in seen.statuses[agent]
+                if result.start_s < s.time_s < end_s
+            )
+            took_s, waited_s = end_s - result.start_s, held * STATUS_EVERY_S
+            if took_s < step.timeout_s + waited_s - _EARLY_S:
+                yield (
+                    f"agent {agent} gave {result.name} up after {took_s:.0f} s, of which it was"
+                    f" held for {waited_s:.0f} s; its time-out is {step.timeout_s:g} s"
                 )
 
 
@@ -599,6 +701,8 @@ def _verdict(seen: Seen) -> Iterator[str]:
         yield from (f"{word}, but {text}" for text in _against_completed(seen))
     elif not summary.reason:
         yield f"{word}, without a reason"
+    if summary.outcome is Outcome.ABORTED:
+        yield from (f"{word}, but {text}" for text in _against_aborted(seen))
     pairs = [
         found
         for a, b in itertools.combinations(seen.ids, 2)
@@ -653,6 +757,21 @@ def _against_completed(seen: Seen) -> Iterator[str]:
         yield f"{agents_named(flown.up)} had not ended"
 
 
+def _against_aborted(seen: Seen) -> Iterator[str]:
+    """An order does not excuse who failed by itself before the first one was given."""
+    ends = (CommandKind.LAND, CommandKind.RETURN, CommandKind.KILL)
+    given = [order.at_s for agent in seen.ids for order in seen.orders(agent, *ends)]
+    for agent in set(seen.ids) - seen.elsewhen:
+        last = seen.statuses[agent][-1:]
+        own = last and last[0].outcome is Outcome.FAILED and last[0].left is None
+        if not own or last[0].cause in (None, Cause.PEER, Cause.ORDER, Cause.STARTER):
+            continue
+        broken = (StepOutcome.ABORTED, StepOutcome.TIMEOUT)
+        broke = [s.end_s for s in last[0].steps if s.result in broken and s.end_s is not None]
+        if broke and min(broke) < min(given, default=math.inf) - 1.0:
+            yield f"agent {agent} had failed at {min(broke):.1f} s ({last[0].reason})"
+
+
 def _comes_back(seen: Seen, agent: int) -> bool:
     return any(agent in (each.restart or ()) for each in seen.of("restart"))
 
@@ -697,7 +816,7 @@ def _forecast(seen: Seen) -> Iterator[str]:
         return
     for k, step in enumerate(expected, 1):
         found = summary.steps[k]
-        if found.start_s is None or found.end_s is None or step.expected_s is None:
+        if seen.elsewhen or found.start_s is None or found.end_s is None or step.expected_s is None:
             continue
         took_s, most_s = found.end_s - found.start_s, _FAIR * step.expected_s + _FAIR_S
         if took_s > most_s:

@@ -194,10 +194,10 @@ class Seen:
 
     @cached_property
     def fair(self) -> bool:
-        """Nothing happens, and nothing blows."""
+        """Nothing happens, and nothing blows; clocks may differ."""
         scenario, fleet = self.flown.scenario, self.flown.mission.fleet.agents
         return (
-            not (self.happens or self.parameters or self.faults or scenario.clocks)
+            not (self.happens or self.parameters or self.faults)
             and not envelope.outside(self.plan)
             and not scenario.mesh.model_dump(exclude_defaults=True)
             and all(entry.simulated_response is None for entry in fleet)

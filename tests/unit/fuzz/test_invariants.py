@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,13 @@ import pytest
 
 from swarm_ctl.core.agent import failsafes, landing
 from swarm_ctl.core.agent.command_handler import CommandHandler
+from swarm_ctl.core.agent.progress import Progress
+from swarm_ctl.core.agent.takeover import Takeover
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.fuzz.invariants import Invariant, broken
+from swarm_ctl.mission.input import yaml_file
 from swarm_ctl.report.folder.truth import TruthEvent
 from swarm_ctl.virtual.scenario import scenario_of
 from swarm_ctl.virtual.scenario_flight import FlownScenario, fly_scenario
@@ -26,6 +30,13 @@ FAR_M = 50.0
 def flown(happens: str = "", more: str = "lands_after_s: 15") -> FlownScenario:
     """`tests/system/low.yaml`, with what happens."""
     text = f"version: 1\nmission: {LOW}\n{more}\nhappens: [{happens}]\n"
+    return fly_scenario(*scenario_of(text))
+
+
+def varied(happens: list[Any], **changed: Any) -> FlownScenario:
+    """The same mission with other sections, and with what happens."""
+    mission = {**yaml_file.read(LOW, what="mission").data, **changed}
+    text = yaml_file.write({"version": 1, "mission": mission, "happens": happens})
     return fly_scenario(*scenario_of(text))
 
 
@@ -132,6 +143,50 @@ def test_a_landing_that_begins_in_full_flight(monkeypatch: pytest.MonkeyPatch) -
     assert broken(flown(land)) == []
     monkeypatch.setattr(landing, "_AT_REST_MPS", 100.0)
     assert Invariant.ORDERED in kinds(flown(land))
+
+
+def test_a_silent_agents_vehicle_that_flies_on() -> None:
+    """Its own failsafe stops it within seconds."""
+    dead = flown("{at_s: 14, kill: [2]}")
+    assert broken(dead) == []
+    moved, late = dead.truth.position_ned_m.copy(), dead.truth.time_s > 17
+    moved[late, 1, 0] += 2.0 * (dead.truth.time_s[late] - 17)
+    assert Invariant.ORDERED in kinds(with_truth(dead, position_ned_m=moved))
+
+
+def test_a_vehicle_that_is_taken_from_a_pilot(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An agent that says that it goes on does so: it can't while the pilot has the vehicle."""
+    given = "{at_s: 12, pilot: {agents: [2], mode: hold}}, {at_s: 14, order: resume @2}"
+    assert broken(flown(given)) == []
+    monkeypatch.setattr(Takeover, "not_given_back", lambda _, __: "")
+    assert Invariant.OBEYS in kinds(flown(given))
+
+
+def test_a_time_out_that_goes_on_in_a_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    orders = {12: "hold", 40: "resume"}
+    steps = [{"takeoff": {"height_m": 4}}, {"form": {"shape": "hexagon", "timeout_s": 15}}, "land"]
+    happens = [{"at_s": at_s, "order": line} for at_s, line in orders.items()]
+    held = partial(varied, happens, steps=steps)
+    assert broken(held()) == []
+    monkeypatch.setattr(Progress, "hold_up", lambda *_: None)
+    assert Invariant.ACTS in kinds(held())
+
+
+def test_an_order_that_excuses_an_earlier_failure() -> None:
+    flight = flown("{at_s: 12, pilot: {agents: [2], mode: hold}}")
+    assert flight.summary.outcome is Outcome.FAILED
+    excused = flight.summary.model_copy(update={"outcome": Outcome.ABORTED, "cause": Cause.ORDER})
+    assert Invariant.VERDICT in kinds(replace(flight, summary=excused))
+
+
+def test_a_fence_that_counts_for_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A vehicle that is told to be out of it does something, wherever it is by the truth."""
+    fence = {"polygon": [[8, 8], [8, 22], [16, 22], [16, 8]]}
+    jump = {"at_s": 11, "vehicle": {"agents": [2], "set": {"SIM_GPS_JUMP_N": 30}}}
+    jumped = partial(varied, [jump], fence=fence)
+    assert broken(jumped()) == []
+    monkeypatch.setattr(failsafes, "CHECKS", without(failsafes._beyond_fence))
+    assert Invariant.FENCED in kinds(jumped())
 
 
 def test_a_flight_that_does_not_end(good: FlownScenario) -> None:

@@ -1,0 +1,180 @@
+"""The faults: each one slip that a change could make, by the text that it changes."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+
+class Fault(NamedTuple):
+    """One slip."""
+
+    name: str
+    """Its first word is the part that it is in."""
+    says: str
+    """What it makes of the swarm."""
+    path: str
+    was: str
+    """Stands in the file exactly once."""
+    becomes: str
+    meets: str = ""
+    """Part of a scenario's file, as a regular expression, without which the fault changes no
+    flight."""
+
+
+_AGENT: Final = "swarm_ctl/core/agent"
+_KERNEL: Final = "swarm_ctl/core/kernel"
+
+FAULTS: Final = (
+    Fault(
+        "barrier-begun",
+        "goes on when the others have begun the step, not when they are done",
+        f"{_AGENT}/progress.py",
+        "any(member < (self.step, True) for",
+        "any(member < (self.step, False) for",
+    ),
+    Fault(
+        "barrier-pause",
+        "a step's time-out goes on while a command holds it up",
+        f"{_AGENT}/progress.py",
+        "self.paused_s += tick_s",
+        "self.paused_s = tick_s",
+        r"order: (hold|expel|form|move|follow)|(lost|low|fast|wind|estimate|fence): hold",
+    ),
+    Fault(
+        "landing-unbraked",
+        "lands before it stands",
+        f"{_AGENT}/landing.py",
+        "            braked = slow or now",
+        "            braked = True or now",
+    ),
+    Fault(
+        "landing-room",
+        "makes room only where a vehicle stands below and another one flies beside",
+        f"{_AGENT}/landing.py",
+        "aside = (over or crowded)",
+        "aside = (over and crowded)",
+    ),
+    Fault(
+        "filter-half",
+        "does all of keeping apart, as if the other one did nothing: both do, and overshoot",
+        f"{_KERNEL}/constraints.py",
+        "share = 0.5 if other.yields else 1.0",
+        "share = 1.0",
+    ),
+    Fault(
+        "filter-silent",
+        "forgets that a silent agent's vehicle flies on for a second",
+        f"{_KERNEL}/constraints.py",
+        "return age_s if fresh else SILENT_FLIES_S",
+        "return age_s if fresh else 0.0",
+        r"kill|stop|part|station|mesh",
+    ),
+    Fault(
+        "filter-along",
+        "counts on one of the own formation that is held up",
+        "swarm_ctl/core/safety/safety_filter.py",
+        "along = other.formation == key and flies_with(setpoint, formation.velocity)",
+        "along = other.formation == key",
+        r"move:|rotate:|scale:|follow:|order: (move|follow)",
+    ),
+    Fault(
+        "filter-caution",
+        "slows for the last of those that are near, not for the nearest",
+        f"{_KERNEL}/decide.py",
+        "most = min(most, cap(room,",
+        "most = min(speed, cap(room,",
+    ),
+    Fault(
+        "heights-goal",
+        "counts a vehicle at its height, not on its way to another",
+        f"{_KERNEL}/heights.py",
+        "return Span(min(height_m, goal_m), max(height_m, goal_m), doubt_m)",
+        "return Span(height_m, height_m, doubt_m)",
+        r"layers: |order: form",
+    ),
+    Fault(
+        "zones-new",
+        "keeps out of the plan's zones, and not out of new ones",
+        "swarm_ctl/core/safety/safety_filter.py",
+        "self._surroundings = Surroundings(zones, self._plan.fence",
+        "self._surroundings = Surroundings(self._plan.zones, self._plan.fence",
+        r"order: zone add",
+    ),
+    Fault(
+        "failsafe-lightest",
+        "the lightest trigger decides",
+        f"{_AGENT}/failsafes.py",
+        "return max(found, key=lambda trigger",
+        "return min(found, key=lambda trigger",
+    ),
+    Fault(
+        "failsafe-fence",
+        "minds the fence only before the vehicle follows setpoints",
+        f"{_AGENT}/failsafes.py",
+        "if not s.had_control or s.tick.newest_fix is None or s.progress.lands_in_place:",
+        "if s.had_control or s.tick.newest_fix is None or s.progress.lands_in_place:",
+    ),
+    Fault(
+        "failsafe-patience",
+        "waits for a lost agent in the air as long as on the ground",
+        f"{_AGENT}/failsafes.py",
+        "    if s.progress.step == 0:\n        after = max(after, _PATIENCE_S)",
+        "    if s.progress.step >= 0:\n        after = max(after, _PATIENCE_S)",
+        r"kill|stop|part",
+    ),
+    Fault(
+        "failsafe-resume",
+        "takes a vehicle again that a pilot still flies",
+        f"{_AGENT}/takeover.py",
+        "if not view.controlled or view.mode_doubt:\n            wanted",
+        "if view.mode_doubt:\n            wanted",
+        r"order: resume",
+    ),
+    Fault(
+        "failsafe-position",
+        "flies on by a position that is a minute old",
+        "swarm_ctl/core/model/timeouts.py",
+        "OWN_FIX_S: Final = 0.5",
+        "OWN_FIX_S: Final = 60.0",
+        r"GPS_OFF|LOSS|DELAY|REBOOT",
+    ),
+    Fault(
+        "verdict-unit",
+        "takes r_in in units for metres",
+        "swarm_ctl/report/judge/findings.py",
+        "    r_in_m = plan.law.r_in * plan.unit_m\n    for pair in pairs:",
+        "    r_in_m = plan.law.r_in\n    for pair in pairs:",
+        r"GPS|pilot|MOTOR|kill|LOSS|DELAY|says|WIND",
+    ),
+    Fault(
+        "verdict-order",
+        "an order excuses an agent that failed before it",
+        "swarm_ctl/report/judge/verdict.py",
+        "and _broken_s(s) < order_s]",
+        "and _broken_s(s) > order_s]",
+        r"order: (land|return|kill)",
+    ),
+    Fault(
+        "link-clock",
+        "dates a peer's words to the wrong side of its clock",
+        "swarm_ctl/core/swarm/peer.py",
+        "self.true_s = min(told_s - 0.5 * (low + high), received_s)",
+        "self.true_s = min(told_s + 0.5 * (low + high), received_s)",
+        r"clocks?:",
+    ),
+    Fault(
+        "link-setpoints",
+        "a vehicle flies its silent agent's last setpoint for five seconds",
+        "swarm_ctl/core/model/timeouts.py",
+        'SETPOINT_TIMEOUT_S: Final = {"ardupilot": 0.5, "px4": 1.0}',
+        'SETPOINT_TIMEOUT_S: Final = {"ardupilot": 5.0, "px4": 5.0}',
+        r"kill|stop",
+    ),
+    Fault(
+        "keeper-agents",
+        "grants what comes after a tick without waiting for the agents",
+        "swarm_ctl/runtime/lockstep/keeper.py",
+        "if any(m.port for m in running):",
+        "if any(not m.port for m in running):",
+    ),
+)
