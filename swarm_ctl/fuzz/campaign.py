@@ -24,6 +24,7 @@ from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.fuzz.coverage import Coverage, CoverageCell, cells_of
 from swarm_ctl.fuzz.draw import draw
 from swarm_ctl.fuzz.invariants import Broken, Invariant, broken
+from swarm_ctl.fuzz.lockstep import unlike_as_processes
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.runtime.clock import cpu_s, wall_s
 from swarm_ctl.signals import deaf_children, deaf_tracker, hears
@@ -44,15 +45,23 @@ _LONGEST: Final = 2000
 
 
 def fly(
-    scenario: Scenario, mission: LoadedMission, folder: Path | None = None, *, twice: bool = False
+    scenario: Scenario,
+    mission: LoadedMission,
+    folder: Path | None = None,
+    *,
+    twice: bool = False,
+    lockstep: bool = False,
 ) -> tuple[FlownScenario | None, list[Broken]]:
     """Fly a scenario, and what it broke; None: it raised an error. `folder`: for what a run leaves;
-    `twice`: where nothing broke, it is flown again and has to be the same."""
+    `twice`: where nothing broke, it is flown again and has to be the same; `lockstep`: by
+    processes, too, if they can."""
     try:
         flown = fly_scenario(scenario, mission, folder)
         found = broken(flown)
         if twice and not found and fly_scenario(scenario, mission).digest != flown.digest:
             found = [Broken(Invariant.SAME, "flown twice, it was not the same")]
+        if lockstep and not found and (unlike := unlike_as_processes(scenario, mission)):
+            found = [Broken(Invariant.ALIKE, unlike)]
     except Exception:  # what is looked for: an error of any kind
         words = traceback.format_exc()[-_LONGEST:]
         return None, [Broken(Invariant.RAISES, words)]
@@ -103,6 +112,8 @@ class Campaign:
     folder: Path
     mission: dict[str, Any] | None = None
     """A user's own, as data."""
+    lockstep: int = 0
+    """One in so many is flown by processes in lockstep, too; 0: none is."""
     done: dict[int, DrawnFlight] = field(default_factory=dict)
 
     def load(self) -> None:
@@ -143,7 +154,8 @@ class Campaign:
                 if not missing:
                     continue
                 wanted = self.coverage(first)
-                for flight in each(partial(_flight, self.seed, wanted, self.mission), missing):
+                drawn = self.seed, wanted, self.mission
+                for flight in each(partial(_flight, *drawn, self.lockstep), missing):
                     file.write(flight.line() + "\n")
                     file.flush()
                     self.done[flight.number] = flight
@@ -174,10 +186,13 @@ def kind_of(text: str) -> str:
     return re.sub(r"[-\d.]+", "#", text.strip().splitlines()[-1])
 
 
-def _flight(seed: int, wanted: Coverage, of: dict[str, Any] | None, number: int) -> DrawnFlight:
+def _flight(
+    seed: int, wanted: Coverage, of: dict[str, Any] | None, lockstep: int, number: int
+) -> DrawnFlight:
     began_s = cpu_s()
     scenario, mission = draw(seed, number, wanted, of)
-    flown, found = fly(scenario, mission, twice=number % _TWICE == 0)
+    twice, too = number % _TWICE == 0, lockstep > 0 and number % lockstep == 0
+    flown, found = fly(scenario, mission, twice=twice, lockstep=too)
     if flown is None:
         return DrawnFlight(number, "raised", 0.0, cpu_s() - began_s, (), tuple(found))
     outcome, cells = str(flown.summary.outcome), tuple(cells_of(flown.met))

@@ -87,6 +87,8 @@ _REZONED: Final = 0.25
 """Of the flights that are not fair, beside the orders that are drawn as all happenings are."""
 _OTHER_CLOCKS: Final = 0.12
 """Of the flights; of the fair ones, which have nothing else, three times as many."""
+_STEP_S: Final = 12.0
+"""About so long takes a step of a short flight."""
 _ANSWERED: Final = 0.3
 """Of what happens: the operator gives an order soon after, or takes back one that holds."""
 _DIES_CROSSING: Final = 0.3
@@ -160,14 +162,24 @@ def _scenario(dice: Dice, wanted: Coverage, name: str, of: Data | None) -> Data:
 
 
 def _rezoned(dice: Dice, mission: Data) -> list[Data]:
-    """Orders in flight: a zone where a vehicle may be, or near it; perhaps another one, and perhaps
-    the first one lifted."""
-    metre = 1.0 if mission.get("lengths") == "metres" else mission.get("unit_m", 5.0)
+    """Orders in flight: a zone where a vehicle may be, or near it, or between two places of the
+    plan; perhaps another one, and perhaps the first one lifted."""
+    plan = loads(yaml_file.write(mission)).plan
+    places = [
+        place
+        for group in plan.groups
+        for at in group.formations(plan.unit_m)
+        for place in at.places_m()
+    ]
+    places += [(n * plan.unit_m, e * plan.unit_m) for n, e in (a.start for a in plan.agents)]
     found: list[Data] = []
     at_s = dice.number(4, 45, 1)
     for name in ("pond", "pole")[: dice.pick((1, 1, 2))]:
-        start = dice.pick(mission["agents"])["start"]
-        north, east = (round(metre * place + dice.signed(0, 7, 1), 1) for place in start)
+        one, other, share = dice.pick(places), dice.pick(places), dice.pick((0.0, 0.5))
+        north, east = (
+            round(a + share * (b - a) + dice.signed(0, 5, 1), 1)
+            for a, b in zip(one, other, strict=True)
+        )
         found.append({"at_s": at_s, "order": f"zone add {name} {_outline(dice, north, east)}"})
         at_s = round(at_s + dice.number(0.1, 20, 1), 1)
     if dice.chance(0.4):
@@ -203,12 +215,12 @@ def _happenings(
 ) -> list[Data]:
     """Up to five, at any time of a short flight; some right behind another."""
     found: list[Data] = []
-    at_s, after = 0.0, NOTHING
+    at_s, after, most_s = 0.0, NOTHING, 10.0 + _STEP_S * len(steps)
     for _ in range(dice.pick((1, 1, 2, 2, 3, 3, 4, 5))):
         burst = bool(found) and dice.chance(0.3)
-        at_s = round(at_s + dice.number(0.1, 3, 1), 1) if burst else dice.number(1, 70, 1)
+        at_s = round(at_s + dice.number(0.1, 3, 1), 1) if burst else dice.number(1, most_s, 1)
         # which step that will be in is not known yet: about
-        step = steps[min(int(at_s / 70 * len(steps)), len(steps) - 1)]
+        step = steps[min(int(at_s / most_s * len(steps)), len(steps) - 1)]
         what = dice.pick(WHATS, lambda each: wanted.wants(CoverageCell(step, after, each)))  # noqa: B023
         found += _happening(dice, what, at_s, ids, shapes)
         if found and not found[-1].get("order"):
@@ -219,17 +231,20 @@ def _happenings(
 
 
 def _answer(dice: Dice, happening: Data, ids: list[int], shapes: list[str]) -> list[Data]:
-    """What the operator orders after this: on again, after an order that holds; else something
-    quick."""
+    """What the operator orders after this: on again, after an order that holds and after a pilot;
+    else something quick."""
     at_s, line = happening["at_s"], happening.get("order", "")
     kind, _, rest = line.partition(" ")
-    if line and kind not in ("hold", "expel"):
-        return []
-    if line:
+    if kind in ("hold", "expel"):
         again = "resume" if kind == "hold" else "readmit"
         at_s = round(at_s + dice.number(2, 40, 1), 1)
         return [{"at_s": at_s, "order": f"{again} {rest}".strip()}]
-    order = _order(dice, dice.pick(("land", "return", "hold", "resume", "next")), ids, shapes)
+    if line:
+        return []
+    if "pilot" in happening and dice.chance(0.6):
+        order = "resume @" + ",".join(map(str, happening["pilot"]["agents"]))
+    else:
+        order = _order(dice, dice.pick(("land", "return", "hold", "resume", "next")), ids, shapes)
     return [{"at_s": round(at_s + dice.number(0.2, 8, 1), 1), "order": order}]
 
 
@@ -376,8 +391,9 @@ def _mission(dice: Dice, wanted: Coverage, *, fair: bool) -> Data:
 
 
 def _changes_sides(mission: Data) -> bool:
-    """By `_swap`."""
-    return mission["shapes"]["one"]["kind"] == mission["shapes"]["other"]["kind"] == "offsets"
+    """By `_swap`: both its shapes have fixed slots."""
+    forms = [step["form"] for step in mission["steps"] if "form" in step]
+    return len(forms) == 2 and all(form.get("slots") == "fixed" for form in forms)
 
 
 def _swap(dice: Dice, mission: Data, spacing: float) -> None:

@@ -83,6 +83,7 @@ class Invariant(StrEnum):
     FORECAST = "the forecast holds in fair weather"
     RAISES = "no error is raised"
     SAME = "the same seed has the same bytes"
+    ALIKE = "processes in lockstep fly what the virtual clock flies"
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +95,7 @@ class Broken:
 
 
 def broken(flown: FlownScenario) -> list[Broken]:
-    """All that did not hold in this flight. `RAISES` and `SAME` are for whoever flies it."""
+    """All that did not hold in this flight. The last three are for whoever flies it."""
     seen = Seen(flown)
     return [Broken(invariant, text) for invariant, check in CHECKS.items() for text in check(seen)]
 
@@ -411,22 +412,21 @@ def _obeys(seen: Seen) -> Iterator[str]:
         for order, later in itertools.zip_longest(given, given[1:]):
             until_s = min(hands_s, later.at_s if later is not None else math.inf)
             text = _obeyed(seen, agent, order, until_s)
-            if not text and later is None:
-                text = _given_back(seen, agent, order)
+            text = text or _given_back(seen, agent, order, later.at_s if later else math.inf)
             if text:
                 yield f"agent {agent} accepted `{order.line}` at {order.at_s:g} s, and {text}"
 
 
-def _given_back(seen: Seen, agent: int, order: GivenOrder) -> str:
+def _given_back(seen: Seen, agent: int, order: GivenOrder, until_s: float) -> str:
     """What became of the vehicle that an agent takes again from a pilot, or ''."""
     if order.sent is None or order.sent.command.kind != CommandKind.RESUME:
         return ""
     said, at_s = seen.statuses[agent], order.at_s
     before = [s for s in said if s.time_s <= at_s][-1:]
-    again_s = min(
-        (f for f, _, agents, _, _ in seen.faults if agent in agents and f > at_s), default=math.inf
-    )
-    until_s = min(at_s + 2.0 * _ACTS_S, again_s, seen.first(agent, "kill", "stop", "clock", "says"))
+    again = (from_s for from_s, _, agents, _, _ in seen.faults if agent in agents)
+    again_s = min((from_s for from_s in again if from_s > at_s), default=math.inf)
+    dead_s = seen.first(agent, "kill", "stop", "clock", "says")
+    until_s = min(at_s + 2.0 * _ACTS_S, again_s, dead_s, until_s)
     after = [s for s in said if at_s + 2.0 < s.time_s < until_s]
     if agent in seen.elsewhen or not before or before[0].phase is not Phase.YIELD or not after:
         return ""

@@ -39,7 +39,7 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--flights", type=int, default=1000, help="drawn; default: 1000")
     parser.add_argument("--seed", type=int, default=1, help="default: 1")
     parser.add_argument("--out", type=Path, default=Path("planted"), help="default: planted")
-    parser.add_argument("--here", type=Path, nargs=2, help=argparse.SUPPRESS)
+    parser.add_argument("--here", nargs=3, help=argparse.SUPPRESS)
     given = parser.parse_args(words)
     if given.here is not None:  # what the command says to itself in the copy
         _fly_here(*given.here)
@@ -129,18 +129,20 @@ def _flown_with(fault: Fault, scenarios: Sequence[Path], journal: Path, temporar
     plant(fault, temporary / "tree")
     names = temporary / "scenarios"
     names.write_text("".join(f"{path}\n" for path in scenarios), encoding="utf-8")
-    command = [sys.executable, "-m", "tests.planted", "--here", str(names), str(journal)]
+    here = fault.name, str(names), str(journal)
+    command = [sys.executable, "-m", "tests.planted", "--here", *here]
     paths = os.pathsep.join((str(temporary / "tree"), str(temporary / "tree" / "sim")))
     environment = os.environ | {"PYTHONPATH": paths}
     subprocess.run(command, cwd=temporary / "tree", env=environment, check=True)
 
 
-def _fly_here(names: Path, journal: Path) -> None:
+def _fly_here(name: str, names: str, journal: str) -> None:
     """These scenarios, until one breaks something; each leaves a line."""
-    for path in map(Path, names.read_text(encoding="utf-8").split()):
-        _, found = fly(*load_scenario(path))
+    (lockstep,) = (fault.lockstep for fault in FAULTS if fault.name == name)
+    for path in map(Path, Path(names).read_text(encoding="utf-8").split()):
+        _, found = fly(*load_scenario(path), lockstep=lockstep)
         words = [f"{each.invariant}: {each.text.strip().splitlines()[-1]}" for each in found]
-        with journal.open("a", encoding="utf-8") as file:
+        with Path(journal).open("a", encoding="utf-8") as file:
             file.write(json.dumps([int(path.stem), "; ".join(words)]) + "\n")
         if found:
             return

@@ -19,6 +19,8 @@ class Fault(NamedTuple):
     meets: str = ""
     """Part of a scenario's file, as a regular expression, without which the fault changes no
     flight."""
+    lockstep: bool = False
+    """It is in the processes alone: these fly the scenarios, too (`fuzz --lockstep`)."""
 
 
 _AGENT: Final = "swarm_ctl/core/agent"
@@ -176,5 +178,6 @@ FAULTS: Final = (
         "swarm_ctl/runtime/lockstep/keeper.py",
         "if any(m.port for m in running):",
         "if any(not m.port for m in running):",
+        lockstep=True,
     ),
 )

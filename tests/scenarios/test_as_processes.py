@@ -8,10 +8,15 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl.errors import InputError
+from swarm_ctl.fuzz import lockstep
+from swarm_ctl.fuzz.campaign import fly
+from swarm_ctl.fuzz.lockstep import unlike_as_processes
+from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.mission.input import yaml_file
 from swarm_ctl.virtual.as_processes import run_script
-from swarm_ctl.virtual.scenario import load_scenario
+from swarm_ctl.virtual.scenario import Scenario, load_scenario, scenario_of
 from swarm_ctl.virtual.scenario_file import is_scenario
-from swarm_ctl.virtual.scenario_flight import fly_scenario
+from swarm_ctl.virtual.scenario_flight import FlownScenario, fly_scenario
 from tests.system.running import LOW, Running
 
 HEAD = f"version: 1\nname: both\nmission: {LOW}\nseed: 5\nlands_after_s: 10\n"
@@ -55,6 +60,23 @@ def test_processes_fly_what_the_virtual_clock_flies(tmp_path: Path, happens: str
     assert truth == (tmp_path / "virtual" / "truth.jsonl").read_bytes()
     assert running.summary()["outcome"] == flown.summary.outcome
     assert load_scenario(running.folder / "scenario.yaml")[0] == flown.scenario
+
+
+@pytest.mark.lockstep
+@pytest.mark.timeout(120)
+def test_a_drawn_flight_is_held_against_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What they fly otherwise is found. What can't happen to processes is left out."""
+    mission = yaml_file.read(LOW, what="mission").data
+    text = yaml_file.write({"version": 1, "mission": mission, "seed": 5})
+    assert fly(*scenario_of(text), lockstep=True)[1] == []
+    restarts = f"{text}happens: [{{at_s: 9, kill: [2]}}, {{at_s: 12, restart: [2]}}]\n"
+    assert unlike_as_processes(*scenario_of(restarts)) == ""
+
+    def otherwise(scenario: Scenario, mission: LoadedMission, folder: Path) -> FlownScenario:
+        return fly_scenario(scenario.model_copy(update={"seed": 6}), mission, folder)
+
+    monkeypatch.setattr(lockstep, "fly_scenario", otherwise)
+    assert "truth is another one" in unlike_as_processes(*scenario_of(text))
 
 
 @pytest.mark.parametrize(

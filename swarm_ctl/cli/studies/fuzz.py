@@ -36,6 +36,9 @@ def fuzz(
     ] = None,
     seed: Annotated[int, option("NUMBER", "Of all that is drawn.", min=0)] = 1,
     processes: Processes = None,
+    lockstep: Annotated[
+        int, option("NUMBER", "Fly one in so many by processes in lockstep, too; 0: none.", min=0)
+    ] = 0,
     out: Annotated[
         Path, option("FOLDER", "Journal and finds; the same command goes on from there.")
     ] = Path("fuzz"),
@@ -64,6 +67,7 @@ def fuzz(
     if replay is not None:
         raise typer.Exit(_replay(replay, out, console))
     campaign = _campaign(mission, seed, out)
+    campaign.lockstep = lockstep
     require_writable(out, "choose with --out")
     campaign.load()
     _fly(campaign, flights, processes, limit, console)

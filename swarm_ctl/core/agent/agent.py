@@ -599,15 +599,15 @@ class Agent:
     def _report(self, tick: Tick, inbox: Inbox, actions: Actions) -> None:
         """What is not sent every tick: the sigma report, the status, events, the end."""
         now, ended_s, controller = tick.now, self._vehicle.ended_s, self._controller
-        since = now - ended_s if ended_s is not None else -1.0
-        ending = since >= (_LINGER_S if inbox.view.released else _RELEASE_AT_MOST_S)
-        if now >= self._sigma_due:
+        lingers_s = _LINGER_S if inbox.view.released else _RELEASE_AT_MOST_S
+        ending = ended_s is not None and _due(now, ended_s + lingers_s, lingers_s)
+        if _due(now, self._sigma_due, _SIGMA_EVERY_S):
             self._sigma_due = now + _SIGMA_EVERY_S
             actions.sigma = controller.sigma_report(now)
             if actions.sigma is None and self._sigma_shown:
                 actions.sigma = SigmaReport(self._id, now, (0.0, 0.0), (0.0, 0.0), ())
             self._sigma_shown = actions.sigma is not None and bool(actions.sigma.pairs)
-        if now >= self._status_due or ending:
+        if ending or _due(now, self._status_due, STATUS_EVERY_S):
             self._status_due = now + STATUS_EVERY_S
             refused = inbox.refused(now)
             for text in self._refused_said.due(refused, now):
@@ -632,6 +632,11 @@ class Agent:
         actions.events = self._log.take()
         if ending:
             actions.ended = Ended(self._interruption.outcome, self._reason)
+
+
+def _due(now: float, due_s: float, waits_s: float) -> bool:
+    """It is time, or the clock was set back to before this wait began."""
+    return not due_s - waits_s <= now < due_s
 
 
 def ended(stages: Generator[None, None, Actions]) -> Actions:

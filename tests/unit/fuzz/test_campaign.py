@@ -89,7 +89,7 @@ def test_dice_keep_to_their_bounds() -> None:
 def fake(bad: tuple[int, ...] = ()) -> Any:
     """Flights of no time at all; those in `bad` break something."""
 
-    def flight(_seed: int, _wanted: Coverage, _of: Any, number: int) -> DrawnFlight:
+    def flight(_seed: int, _wanted: Coverage, _of: Any, _too: int, number: int) -> DrawnFlight:
         found = (Broken(Invariant.APART, f"{number}.5 m apart"),) if number in bad else ()
         cells = (CoverageCell("form", NOTHING, "kill"),)
         return DrawnFlight(number, "completed", 60.0, 0.1, cells, found)
@@ -142,7 +142,7 @@ def test_a_journal_that_was_cut_off_loses_one_flight_alone(
     assert flown == [[0, 1, 2], [2], []]
 
 
-def dies(_seed: int, _wanted: Coverage, _of: Any, number: int) -> DrawnFlight:
+def dies(_seed: int, _wanted: Coverage, _of: Any, _too: int, number: int) -> DrawnFlight:
     """The second flight takes its process with it."""
     if number == 1:
         os._exit(9)
