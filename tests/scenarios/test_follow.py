@@ -21,7 +21,7 @@ from swarm_ctl.mesh.node import Node
 from swarm_ctl.mission.compile.loader import loads
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from tests.on_demand import on_demand
-from tests.scenarios.swarm import at_half_rate, landing_fast, ready
+from tests.scenarios.swarm import at_half_rate, at_step, landing_fast, ready
 
 MISSION = """\
 version: 1
@@ -66,7 +66,7 @@ class Boat:
         text = text.replace("columns: 2", f"columns: 2{slots}")
         text = re.sub("follow: .*", step, text) if step else text
         self.mission = loads(text + zones)
-        self.swarm = landing_fast(VirtualSwarm(self.mission))
+        self.swarm = at_step(self.mission, STEP)
         self._node = Node(MemoryTransport(self.swarm.mesh), "test", "boat.1")
         self._at, self._dice = at, np.random.default_rng(1)
         self.began_s = math.inf

@@ -27,7 +27,7 @@ from swarm_ctl.virtual.scenario import scenario_of
 from swarm_ctl.virtual.scenario_flight import fly_scenario
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from tests.on_demand import on_demand
-from tests.scenarios.swarm import at_half_rate, deaf, flown_once, landing_fast
+from tests.scenarios.swarm import at_half_rate, at_step, deaf, flown_once, landing_fast
 from tests.unit.plans import steps_of
 
 HEAD = """\
@@ -322,8 +322,7 @@ def test_an_agent_that_is_restarted_takes_up_the_zones_of_its_peers(heard_late: 
     added in flight, on the way that leads through it, and the operator can lift that again. Also
     where the first words of the peer that tells it are lost."""
     mission = loads(HEAD + STEPS)
-    swarm = landing_fast(VirtualSwarm(mission))
-    swarm.wait(lambda s: s.in_step(3))
+    swarm = at_step(mission, 3)
     ordered(swarm, "zone add pond circle 70 5 6")
     swarm.kill(2)
     swarm.run(1.0)
@@ -375,8 +374,7 @@ def test_a_move_under_way_goes_round_a_zone_that_is_added(by: str) -> None:
     """All together: the shape stays, none comes near the zone, and the move ends where it was to;
     also a move that an operator has ordered. A zone that is lifted again is flown over."""
     mission = loads(HEAD + STEPS)
-    swarm = landing_fast(VirtualSwarm(mission))
-    swarm.wait(lambda s: s.in_step(3))
+    swarm = at_step(mission, 3)
     if by == "order":
         ordered(swarm, "move 110 5 4")
     swarm.run(3.0)
@@ -409,8 +407,7 @@ def test_a_zone_that_is_added_over_a_formation_on_its_way_holds_it_up_for_a_mome
 ) -> None:
     """Those who are in it leave it, the others keep off, and all come together again behind it."""
     mission = loads(HEAD + STEPS)
-    swarm = landing_fast(VirtualSwarm(mission))
-    swarm.wait(lambda s: s.in_step(3))
+    swarm = at_step(mission, 3)
     swarm.wait(lambda s: max(place[0] for place in s.positions().values()) > 45.0)
     ordered(swarm, f"zone add pond circle 52 {east} 5")
     swarm.wait(lambda s: all(m.agent._controller.other_zones for m in s.members.values()))
@@ -429,8 +426,7 @@ def test_a_zone_that_is_added_over_a_formation_on_its_way_holds_it_up_for_a_mome
 def test_a_zone_that_is_lifted_is_flown_over_again() -> None:
     """The mission's own way, which leads round it, is not: a zone of the operator's."""
     mission = loads(HEAD + STEPS)
-    swarm = landing_fast(VirtualSwarm(mission))
-    swarm.wait(lambda s: s.in_step(3))
+    swarm = at_step(mission, 3)
     ordered(swarm, "zone add pond circle 90 6 5")
     swarm.run(4.0)
     ordered(swarm, "zone lift pond")
