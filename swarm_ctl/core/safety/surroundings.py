@@ -3,6 +3,7 @@ complex number north + 1j * east in the common frame."""
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from typing import Final
@@ -50,6 +51,10 @@ class Outline:
         return list(apart.values())
 
 
+_margins_of = functools.lru_cache(maxsize=64)(wall_margins_of)
+"""They take a millisecond, and all checks and agents of a plan ask for the same."""
+
+
 class Surroundings:
     """All walls of a plan. `response` and `speed_mps` are those of the vehicle that keeps off;
     points and distances are in units of `scale_m`, heights in metres."""
@@ -66,7 +71,7 @@ class Surroundings:
         found = [(FENCE, fence.polygon_m, 0.0, 0.0)] if fence and fence.polygon_m else []
         found += [(k, z.corners_m, z.radius_m, z.clearance_m) for k, z in enumerate(zones)]
         margins = {
-            clearance: wall_margins_of(clearance, response, speed_mps, scale_m)
+            clearance: _margins_of(clearance, response, speed_mps, scale_m)
             for clearance in {each[-1] for each in found}
         }
         self._walls = [
