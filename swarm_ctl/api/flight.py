@@ -270,8 +270,9 @@ class SwarmFlight(ABC):
     def step_number(self, step: int | str) -> int:
         """The number of the first step of this name; ValueError lists the names."""
         __tracebackhide__ = True
-        names = max((group.step_names for group in self.plan.groups), key=len)
-        if step not in (*names, *range(len(names))):
-            numbers = f"0 to {len(names) - 1}, or {', '.join(dict.fromkeys(names))}"
+        told = [(group.step_name(k), k) for group in self.plan.groups for k in group.told_steps]
+        names, last = dict(reversed(told)), self.plan.last_step
+        if step not in (*names, *range(last + 1)):
+            numbers = f"0 to {last}, or {', '.join(dict.fromkeys(name for name, _ in told))}"
             raise ValueError(f"no step {step!r}; allowed: {numbers}")
-        return step if isinstance(step, int) else names.index(step)
+        return step if isinstance(step, int) else names[step]

@@ -187,7 +187,7 @@ def _check(order: Order, plan: Plan) -> None:
 def _form(shape: str, swarm: SwarmNow) -> FormStep:
     """A shape of the plan; each slot goes to an agent that is near."""
     plan, points_m = swarm.plan, swarm.stop_points_m("form")
-    shapes = {each.name: each for each in plan.shapes}
+    shapes = {each.name: each for each in plan.shapes if len(each.slots) == len(plan.agents)}
     if shape not in shapes:
         close = difflib.get_close_matches(shape, shapes, n=1)
         hint = f"; did you mean {close[0]}?" if close else ""
@@ -289,8 +289,11 @@ def _way_round(
 
 def _heights_m(swarm: SwarmNow) -> tuple[float, float]:
     """The lowest and the highest at which an agent flies by the plan."""
-    stands = [group.formations(swarm.plan.unit_m) for group in swarm.plan.groups]
-    spans = [each[min(max(swarm.step, 1), len(each) - 1)].span_m for each in stands]
+    stands = [(group.before, group.formations(swarm.plan.unit_m)) for group in swarm.plan.groups]
+    spans = [
+        each[min(max(swarm.step - before, 0 if before else 1), len(each) - 1)].span_m
+        for before, each in stands
+    ]
     return min(low_m for low_m, _ in spans), max(high_m for _, high_m in spans)
 
 

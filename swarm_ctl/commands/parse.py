@@ -151,7 +151,7 @@ def complete(line: str, plan: Plan) -> list[str]:
 def arguments(kind: Kind, named: Sequence[str], plan: Plan) -> list[str]:
     """The words that may follow a command and its arguments so far."""
     if kind.name is CommandKind.FORM:
-        return [] if named else [shape.name for shape in plan.shapes]
+        return [] if named else [*dict.fromkeys(shape.name for shape in plan.shapes)]
     if kind.name is CommandKind.FOLLOW:
         return [COURSE] if len(named) == 3 else [t.name for t in plan.targets if not named]
     if kind.name is CommandKind.TUNE:

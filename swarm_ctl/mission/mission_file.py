@@ -6,7 +6,7 @@ be together is in `checks/mission_checks.py`.
 
 from __future__ import annotations
 
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field
 
@@ -21,7 +21,7 @@ from swarm_ctl.mission.sections.mission_sections import (
     SafetySection,
     WakeSection,
 )
-from swarm_ctl.mission.sections.section import Links, Name, Section, Timeout
+from swarm_ctl.mission.sections.section import AgentId, Links, Name, Section, Timeout
 from swarm_ctl.mission.sections.shape_sections import Shape
 from swarm_ctl.mission.sections.simulation_section import SimulationSection
 from swarm_ctl.mission.sections.target_sections import TargetSection
@@ -64,6 +64,11 @@ class MissionFile(Section):
     agents: tuple[AgentEntry, ...] = Field(min_length=1, max_length=250)
     """At most 250, the number of sysids."""
     shapes: dict[Name, Shape] = Field(default={})
+    groups: dict[Name, Annotated[tuple[AgentId, ...], Field(min_length=1)]] = Field(
+        default={}, max_length=250
+    )
+    """The agents of each group, by its name, for `split` and for orders. An agent may be in
+    several, but not in two of one split."""
     steps: tuple[StepEntry, ...] = Field(min_length=1, max_length=1000)
     fleet: FleetSection | None = None
     """The vehicles, or the path of a fleet file relative to this file. Default: all simulated."""

@@ -18,7 +18,7 @@ def account(flight: SwarmFlight) -> str:
 
 def _steps(flight: SwarmFlight) -> Iterator[str]:
     plan, statuses = flight.plan, flight.statuses()
-    names = [(group, k, name) for group in plan.groups for k, name in enumerate(group.step_names)]
+    names = [(group, k, group.step_name(k)) for group in plan.groups for k in group.told_steps]
     wide = max(len(name) for _, _, name in names)
     yield f"step {'':{wide}}  from [s]    to [s]  agents"
     for group, k, name in names:

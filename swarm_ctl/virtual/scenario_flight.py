@@ -38,7 +38,7 @@ _DRAIN_S: Final = 90.0
 def longest_s(plan: Plan, scenario: Scenario | None = None) -> float:
     """A flight's upper bound [s]: every wait of it has a time-out, and these are their sum, with
     the longest way down at the end, and without agents after that."""
-    steps = max(sum(step.timeout_s for step in group.steps) for group in plan.groups)
+    steps = max(sum(s.timeout_s for s in plan.steps_of(agent.id)) for agent in plan.agents)
     waits = plan.prepare_timeout_s + steps + 2.0 * LANDING_AT_MOST_S + _DRAIN_S
     if scenario is None:
         return waits
@@ -296,7 +296,7 @@ class ScenarioFlight:
 
     def _meet(self, happening: Happening) -> Met:
         live = [m.status for m in self.swarm.members.values() if m.alive and m.status is not None]
-        names = {s.step: self.plan.group_of(s.agent).step_name(s.step) for s in live}
+        names = {s.step: self.plan.group_of(s.agent, s.step).step_name(s.step) for s in live}
         name = names[max(names)].split()[0] if names else "prepare"
         return Met(happening, name, frozenset(status.phase for status in live))
 

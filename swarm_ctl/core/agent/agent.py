@@ -152,10 +152,9 @@ class Agent:
         same_clock: Container[int] = (),
         own_law: FormationLaw | None = None,
     ) -> None:
-        group, response = plan.group_of(agent_id), vehicle or plan.response
+        response = vehicle or plan.response
         self._plan, self._id = plan, agent_id
         self._hash = plan.hash()
-        self._members = None if len(plan.groups) == 1 else frozenset(group.ids)
         # what lasts from tick to tick
         self._log = log = EventLog(agent_id)
         self._vehicle = own = OwnVehicle()
@@ -275,7 +274,7 @@ class Agent:
         snapshot = self._hear_targets(now, inbox, snapshot)
         self._attention.run(now)
         self._tell_notes(now)
-        heard = self._station, self._attention, self._members, self._phase
+        heard = self._station, self._attention, group.members, self._phase
         return Tick(now, view, fix, snapshot, *heard)
 
     def _hear_targets(self, now: float, inbox: Inbox, snapshot: PeerSnapshot) -> PeerSnapshot:
@@ -335,6 +334,7 @@ class Agent:
         flown = before.step if before else group.progress.current
         situation = AgentSituation(
             plan=self._plan,
+            group=group.name,
             members=group.ids,
             agent=self._id,
             phase=self._phase,
@@ -434,6 +434,9 @@ class Agent:
             flown=own.flown,
             departed=group.departed,
             accepted=group.accepted,
+            routes=group.routes,
+            awaited=group.awaited(tick),
+            waits_until=group.routes.awaited(self._id, group.progress.step),
             fell=own.fell(tick.now),
             sunk_s=own.sunk_s(tick.now),
             waits=self._waits_for(tick.now),
@@ -506,10 +509,12 @@ class Agent:
         if self._interruption.trigger is not None or self._phase is Phase.ENDED:
             return
         self._reason = self._reason or group.waiting(now)
-        if self._command_handler.override is not None or not group.progress.done:
+        progress = group.progress
+        if self._command_handler.override is not None or not progress.done or progress.finished:
             return
-        told = group.told(tick.members, airborne=self._vehicle.was_armed)
-        if group.progress.advance(told, now):
+        told = group.told(tick, airborne=self._vehicle.was_armed)
+        if group.routes.open_to(self._id, progress.step, told):
+            group.go_on(now)
             self._enter_step(now)
 
     def _enter_step(self, now: float) -> None:

@@ -20,7 +20,7 @@ from swarm_ctl.core.model.messages import ABOUT, ENDING, Ack, Command, CommandKi
 from swarm_ctl.core.model.plan import MOST_UP_M, Plan
 from swarm_ctl.core.model.steps.hold import HoldStep
 from swarm_ctl.core.model.steps.step import Step
-from swarm_ctl.core.model.text import printable
+from swarm_ctl.core.model.text import agents_named, printable
 from swarm_ctl.core.safety.fence import outside
 from swarm_ctl.core.safety.surroundings import Surroundings
 from swarm_ctl.core.swarm import gain_update
@@ -61,6 +61,7 @@ class AgentSituation:
     """Where the agent is: what a command is judged by."""
 
     plan: Plan
+    group: str
     members: tuple[int, ...]
     """Of the own group."""
     agent: int
@@ -88,7 +89,7 @@ class CommandHandler:
     def __init__(self, plan: Plan, agent_id: int, plan_hash: int, speedup: float = 1.0) -> None:
         self._id = agent_id
         self._origins = CommandOrigins(agent_id, speedup)
-        self._all = set(plan.group_of(agent_id).ids)
+        self._all = {agent.id for agent in plan.agents}
         self._hash = plan_hash
         self._in_plan = InPlan(plan)
         self._answers: dict[str, Ack] = {}
@@ -282,12 +283,22 @@ def _check_resume(command: Command, situation: AgentSituation) -> str:
     return _check_flying(command, situation)
 
 
+def _not_for_group(command: Command, situation: AgentSituation) -> str:
+    """To whom a command has to be given that is not for all of the own group; ''."""
+    if not command.agents or set(command.agents).issuperset(situation.members):
+        return ""
+    if len(situation.members) == len(situation.plan.agents):
+        return "give it to all agents"
+    return f"give it to group {situation.group}, {agents_named(situation.members)}"
+
+
 def _check_form(command: Command, situation: AgentSituation) -> str:
     step, plan = command.step.new_shape if command.step else None, situation.plan
     if step is None:
         return "the command has no shape"
-    if command.agents:
-        return "a shape is for the whole swarm; give it to all agents"
+    wider = _not_for_group(command, situation)
+    if wider:
+        return f"a shape is for a whole group; {wider}"
     if len(step.slots) != len(situation.members):
         return f"{step.shape} has {len(step.slots)} slots for {len(situation.members)} agents"
     if not all(math.isfinite(x) for slot in step.slots for x in slot):
@@ -308,8 +319,9 @@ def _check_move(command: Command, situation: AgentSituation) -> str:
     path = command.step.path if command.step else None
     if path is None or not path.way_m:
         return "the command has no point to go to"
-    if command.agents:
-        return "the formation moves as a whole; give it to all agents"
+    apart = _not_for_group(command, situation)
+    if apart:
+        return f"the formation moves as a whole; {apart}"
     if not situation.formed:
         return "there is no formation to move yet"
     limit = situation.plan.limits.speed_mps
@@ -326,8 +338,9 @@ def _check_follow(command: Command, situation: AgentSituation) -> str:
     step, plan = command.step.follows if command.step else None, situation.plan
     if step is None:
         return "the command has no target"
-    if command.agents:
-        return "the formation follows as a whole; give it to all agents"
+    apart = _not_for_group(command, situation)
+    if apart:
+        return f"the formation follows as a whole; {apart}"
     if not situation.formed:
         return "there is no formation yet that could follow"
     if step.target not in [target.name for target in plan.targets]:

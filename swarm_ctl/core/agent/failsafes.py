@@ -24,13 +24,14 @@ from swarm_ctl.core.model.messages import (
     StepOutcome,
 )
 from swarm_ctl.core.model.plan import Plan, Point, Policy
+from swarm_ctl.core.model.route import Routes
 from swarm_ctl.core.model.rows import row
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.timeouts import OWN_FIX_S, OWN_LOST_S
 from swarm_ctl.core.model.vehicle import FALLS_MPS
 from swarm_ctl.core.safety.fence import outside
-from swarm_ctl.core.swarm.snapshot import OtherAircraft
+from swarm_ctl.core.swarm.snapshot import OtherAircraft, PeerSnapshot
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +75,11 @@ class Situation:
     """Why, by agent, of the peers that have left the formation (`Group`)."""
     accepted: AbstractSet[int]
     """Those of them that the operator has commanded to go on without."""
+    routes: Routes
+    awaited: PeerSnapshot
+    """The peers that this agent waits for after its step ..."""
+    waits_until: Mapping[int, int]
+    """... and the number of the step that each of them has to be done with."""
     fell: bool
     """It has just gone down as fast as only a fall does."""
     sunk_s: float
@@ -245,14 +251,15 @@ def _peers_gone(s: Situation) -> FailsafeTrigger | None:
         return None
     if s.progress.step == 0:
         after = max(after, _PATIENCE_S)
-    for peer in s.tick.members.peers:
+    for peer in s.awaited.peers:
         silent = peer.age_s > after and peer.silent_s > after  # in most ticks the first is enough
         if not silent and peer.state is not None and peer.state.phase in _GOES_ON:
             continue
-        completed = peer.state and progress_of(peer.state) >= (len(s.progress.steps), True)
+        steps = s.routes.of[peer.id].steps
+        completed = peer.state and progress_of(peer.state) >= (len(steps), True)
         if peer.state is None or completed or peer.id in s.departed:
             continue  # never heard: the step's time-out bounds the wait
-        reason = gave_up(peer, s.progress.steps)
+        reason = gave_up(peer, steps)
         if not reason and peer.silent_s > after:
             reason = f"agent {peer.id} has not been heard for {after:g} s"
         if not reason:
@@ -308,13 +315,13 @@ def _not_done(s: Situation) -> str:
     lacks = "not done" if s.progress.step else "not ready"
     if not s.progress.done:
         return f"{lacks}: {s.waits}" if s.waits else f"this agent was {lacks}"
-    patience_s, last = s.plan.policies.agent_lost_after_s, (len(s.progress.steps), True)
+    patience_s, waits = s.plan.policies.agent_lost_after_s, s.waits_until
     late, unheard = set[int](), set[int]()
-    for peer in s.tick.members.without(s.departed).peers:
+    for peer in s.awaited.without(s.departed).peers:
         told = (-1, False) if peer.state is None else progress_of(peer.state)
-        if peer.silent_s > patience_s and told < last:
+        if peer.silent_s > patience_s and told < (len(s.routes.of[peer.id].steps), True):
             unheard.add(peer.id)
-        elif told < (s.progress.step, True):
+        elif told < (waits[peer.id], True):
             late.add(peer.id)
     found = [f"{agents_named(late)} {lacks}"] if late else []
     found += [f"{agents_named(unheard)} not heard"] if unheard else []

@@ -1,4 +1,4 @@
-"""The group that an agent flies in: its members, their steps and the barrier between them, their
+"""The group that an agent flies in now: its members, their steps and for whom they wait, their
 shape with its frame, its graph and the roles in it, and whom it is flown without."""
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from swarm_ctl.core.law.formation import error_of_one
 from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.messages import AgentState, Severity
 from swarm_ctl.core.model.plan import Plan, Point, Policy
+from swarm_ctl.core.model.route import Routes
 from swarm_ctl.core.model.steps.follow import BELOW_TOP_M, LOWEST_M, FollowStep
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
@@ -53,19 +54,14 @@ class Group:
     """One agent's group. `now` [s, own clock] is when the agent starts."""
 
     def __init__(self, plan: Plan, own_id: int, peers: Peers, now: float, log: EventLog) -> None:
-        group = plan.group_of(own_id)
-        self._policies, self._unit_m, self._own = plan.policies, plan.unit_m, own_id
+        self._plan, self._own = plan, own_id
+        self._policies, self._unit_m = plan.policies, plan.unit_m
         self._fence, self._tick_s = plan.fence, plan.tick_s
-        self._log = log
-        self.name, self.ids = group.name, group.ids
-        self.progress = Progress(group, plan.prepare_timeout_s, now)
-        self.reference = Reference(plan, own_id)
-        self.neighbourhood = Neighbourhood(group, own_id)
-        self.slot_exchange = SlotExchange(plan, own_id, peers)
+        self._peers, self._log = peers, log
+        self.routes = Routes(plan)
+        self.progress = Progress(self.routes.of[own_id], plan.prepare_timeout_s, now)
         self.targets = Targets(plan, own_id)
-        self._in_file = InFile(plan, own_id)
-        self._detour = Detour(plan)
-        self._formations = group.formations(plan.unit_m)
+        self._set_up()
         self._set_out: Point | None = None
         """Where the frame stood when the newest step began."""
         self._measure_due = -math.inf
@@ -91,23 +87,69 @@ class Group:
         of their states are fresh, or, of far peers, followed: the loss of three far words in a row
         is common among many, and must not stop the formation."""
 
-    # --- the barrier ---
+    def _set_up(self) -> None:
+        """For the group that flies the current step."""
+        plan, own_id, group = self._plan, self._own, self.progress.group
+        self.name, self.ids, self._first = group.name, group.ids, group.before
+        self.members = frozenset(self.ids) if len(self.ids) < len(plan.agents) else None
+        """None: all agents."""
+        self.reference = Reference(plan, group, own_id)
+        self.neighbourhood = Neighbourhood(group, own_id)
+        self.slot_exchange = SlotExchange(plan, group, own_id, self._peers)
+        self.targets.members = frozenset(self.ids)
+        self._in_file = InFile(plan, own_id)
+        self._detour = Detour(plan)
+        self._formations = group.formations(plan.unit_m)
 
-    def told(self, peers: PeerSnapshot, *, airborne: bool) -> list[tuple[int, bool]]:
-        """The progress that the barrier compares, (step, done), of every peer that it waits for.
+    # --- from step to step ---
 
-        A silent peer blocks the barrier, unless the mission goes on without it.
+    def awaited(self, tick: Tick) -> PeerSnapshot:
+        """The peers that this agent waits for after its step: at a barrier, those of other groups,
+        too."""
+        waits = self.routes.awaited(self._own, self.progress.step)
+        if len(waits) == len(self.ids):
+            return tick.members
+        peers = tick.peers
+        return PeerSnapshot(peers.now_s, tuple(p for p in peers.peers if p.id in waits))
+
+    def told(self, tick: Tick, *, airborne: bool) -> dict[int, tuple[int, bool]]:
+        """The progress (step, done), by id, of every peer that this agent waits for after its step.
+
+        A silent peer holds it up, unless the mission goes on without it.
         """
-        lost = self.lost(peers, airborne=airborne)
-        return [self._progress(peer) for peer in peers.peers if peer.id not in lost]
+        awaited = self.awaited(tick)
+        lost = self.lost(awaited, airborne=airborne)
+        return {peer.id: self._progress(peer) for peer in awaited.peers if peer.id not in lost}
 
     def _progress(self, peer: OtherAircraft) -> tuple[int, bool]:
         if peer.state is None:
             return (-1, False)
         told = progress_of(peer.state)
-        completed = told >= (len(self.progress.steps), True)  # silent because of that
+        completed = told >= (len(self.routes.of[peer.id].steps), True)  # silent because of that
         recent = peer.silent_s <= self._policies.agent_lost_after_s
         return told if completed or recent else (-1, False)
+
+    def go_on(self, now: float) -> None:
+        """To the next step, and with it, where the swarm splits or joins, to another group."""
+        self.progress.advance(now)
+        self._regroup(now)
+
+    def _regroup(self, now: float) -> bool:
+        """Where the current step is another group's: with its members."""
+        group = self.progress.group
+        if (group.name, group.before) == (self.name, self._first):
+            return False
+        taken = self.slot_exchange.taken
+        self._set_up()
+        self._follows, self._rise_m, self._rises_m = None, 0.0, 0.0
+        self.heights = group.ups_m, True
+        self.slot_exchange.taken = taken
+        if group.formed:
+            slots = [agent.start for agent in group.agents]
+            self.reference.form(slots, self.slot_exchange.roles)
+            self.slot_exchange.begin(slots)
+        self._log.say(now, Severity.INFO, f"group {group.name} now: {agents_named(group.ids)}")
+        return True
 
     def lost(self, peers: PeerSnapshot, *, airborne: bool) -> set[int]:
         """The peers that the mission goes on without: those that have left, and, where the policy
@@ -122,7 +164,7 @@ class Group:
             if peer.state is not None
             and (
                 peer.silent_s > policies.agent_lost_after_s
-                or (peer.ends and gave_up(peer, self.progress.steps))
+                or (peer.ends and gave_up(peer, self.routes.of[peer.id].steps))
             )
         }
 
@@ -140,7 +182,7 @@ class Group:
             pause_s = self._policies.override_pause_s
             held = self._held_since.keys() - self.waits_for(tick.now).keys()
             self.departed = {i: f"a command has held agent {i} for {pause_s:g} s" for i in held}
-        for peer in tick.members.peers:
+        for peer in self.awaited(tick).peers:
             if peer.expelled:
                 self.departed[peer.id] = f"agent {peer.id} was expelled by the operator"
             elif peer.left is not None and peer.state is not None:
@@ -164,7 +206,8 @@ class Group:
         self.accepted = set(self.departed)
 
     def _watch_held(self, tick: Tick, own_override: int) -> None:
-        held = [p.id for p in tick.members.peers if p.held and p.left is None and not own_override]
+        peers = () if own_override else self.awaited(tick).peers
+        held = [p.id for p in peers if p.held and p.left is None]
         if not held and not self._held_since:
             return
         for agent in held:
@@ -257,7 +300,7 @@ class Group:
         """
         reference, stands = self.reference, self._formations
         reference.law_tag = law_tag
-        before = stands[min(max(self.progress.step - 1, 0), len(stands) - 1)]
+        before = stands[min(max(self.progress.step - 1 - self._first, 0), len(stands) - 1)]
         if override and self._set_out is not None:
             before = replace(before, centre_m=self._set_out)
         flown, frame = self._detour.flown(step, before, zones, reference.frame, law_tag)
@@ -338,7 +381,7 @@ class Group:
         lost = self.lost(peers, airborne=airborne)
         members = [p for p in peers.peers if _counts(p) and p.id not in lost]
         expected = sum(
-            not (peer.ends and gave_up(peer, self.progress.steps))
+            not (peer.ends and gave_up(peer, self.routes.of[peer.id].steps))
             for peer in peers.peers
             if peer.id not in lost
         )
@@ -386,10 +429,12 @@ class Group:
     def rejoin(self, now: float, step: int, flying: list[AgentState]) -> None:
         """Go on at this step, with the formation as the peers have it that are `flying`."""
         self.progress.rejoin(step, now)
-        for each in self.progress.steps[:step]:
+        if self._regroup(now):
+            self.slot_exchange.rejoin(now)
+        for each in self.progress.steps[self._first : step]:
             if each.new_shape is not None:
                 self.begin_form(each.new_shape)
-        in_step = [state for state in flying if state.step == step]
+        in_step = [s for s in flying if s.step == step and s.agent in self.ids]
         if in_step:
             leader = min(in_step, key=lambda state: state.agent)
             self._detour.join(leader.gains_tag)

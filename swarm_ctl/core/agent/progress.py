@@ -1,30 +1,31 @@
 """How an agent marches through the mission's steps: a barrier made of state, not of events.
 
-Every state carries (step, done), ordered lexicographically. An agent leaves step k when every live
-member shows at least (k, done); a peer at k + 1 proves k. Lost or repeated messages change nothing.
+Every state carries (step, done), ordered lexicographically. An agent leaves step k when everyone
+that it waits for, and that lives, shows at least (k, done); a peer at k + 1 proves k. Lost or
+repeated messages change nothing.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from typing import Final
 
 from swarm_ctl.core.model.messages import StepOutcome, StepResult
 from swarm_ctl.core.model.plan import GroupPlan
+from swarm_ctl.core.model.route import Route
 from swarm_ctl.core.model.steps.step import Step
 
 
 class Progress:
-    """Where one agent is in its group's steps, and how each of them went.
+    """Where one agent is in its steps, and how each of them went.
 
     `prepare_timeout_s` bounds the wait for a healthy vehicle.
     """
 
-    def __init__(self, group: GroupPlan, prepare_timeout_s: float, now: float) -> None:
-        self._group, self._prepare_timeout_s = group, prepare_timeout_s
-        self.steps: Final = group.steps
-        """The group's."""
+    def __init__(self, route: Route, prepare_timeout_s: float, now: float) -> None:
+        self._route, self._prepare_timeout_s = route, prepare_timeout_s
+        self.steps: Final = route.steps
+        """All of the agent's."""
         self.step = 0
         """0 is preparation, k is `steps[k - 1]`."""
         self.done = False
@@ -41,9 +42,14 @@ class Progress:
         return self.steps[self.step - 1] if self.step else None
 
     @property
+    def group(self) -> GroupPlan:
+        """That flies the current step."""
+        return self._route.group(self.step)
+
+    @property
     def name(self) -> str:
         """Of the current step."""
-        return self._group.step_name(self.step)
+        return self._route.step_name(self.step)
 
     @property
     def lands_in_place(self) -> bool:
@@ -100,23 +106,19 @@ class Progress:
         if not self.done and self.results[-1].end_s is None:
             self._close(outcome, now)
 
-    def advance(self, members: Iterable[tuple[int, bool]], now: float) -> bool:
-        """Go on to the next step if the own part is done and every member shows at least (step,
-        True)."""
-        if not self.done or self.finished or any(member < (self.step, True) for member in members):
-            return False
+    def advance(self, now: float) -> None:
+        """Go on to the next step, because everyone is done with this one."""
         self.step += 1
         self.done = False
         self.started_s = now
         self.paused_s = 0.0
         self.results.append(StepResult(self.name, StepOutcome.RUNNING, now, None))
-        return True
 
     def rejoin(self, step: int, now: float) -> None:
         """Start in the middle, at `step`: the peers prove that all steps before it are done."""
         self.step, self.done, self.started_s, self.paused_s = step, False, now, 0.0
         self.results = [
-            StepResult(name, StepOutcome.DONE, now, None) for name in self._group.step_names[:step]
+            StepResult(self._route.step_name(k), StepOutcome.DONE, now, None) for k in range(step)
         ]
         self.results.append(StepResult(self.name, StepOutcome.RUNNING, now, None))
 

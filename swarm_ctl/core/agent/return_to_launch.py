@@ -128,7 +128,7 @@ def in_the_air(state: AgentState) -> bool:
 
 def highest_m(plan: Plan, agent_id: int) -> float:
     """Up to which height above the origin the vehicle flies over its start."""
-    steps = plan.group_of(agent_id).steps
+    steps = plan.steps_of(agent_id)
     up_m = max((step.climbs_to_m or 0.0 for step in steps), default=0.0)
     returns = any(step.goes_home for step in steps)
     return max(up_m, return_height_m(plan, agent_id)) if returns else up_m
@@ -139,7 +139,7 @@ def return_height_m(plan: Plan, agent_id: int) -> float:
     on the ground, and one of three layers above it, a separation apart as far as the fence allows.
     Agents that follow each other in the plan have different ones."""
     rank = [agent.id for agent in plan.agents].index(agent_id)
-    steps = plan.group_of(agent_id).steps
+    steps = plan.steps_of(agent_id)
     first = next((up_m for step in steps if (up_m := step.climbs_to_m) is not None), 10.0)
     over_m = OVER_M + _CLEAR_M
     first = max(first, over_m if plan.fence is None else min(over_m, plan.fence.height_m - 2.0))

@@ -123,7 +123,9 @@ class Takeover:
         if self._step < 0:
             return None
         self._follow_hold(tick)
-        foreign = any(s.override not in (0, override) for s in self._flying(tick))
+        group = self._group.ids
+        flying = (s for s in self._flying(tick) if s.agent in group)
+        foreign = any(s.override not in (0, override) for s in flying)
         if self._learn_until is None or (tick.now >= self._learn_until and not foreign):
             self._learn_until = None
             return None
@@ -153,20 +155,21 @@ class Takeover:
         return ""
 
     def _flying(self, tick: Tick) -> list[AgentState]:
-        """The newest states of the members that fly this mission."""
-        steps = len(self._group.progress.steps)
+        """The newest states of the peers that fly this mission, and with this agent or after it."""
+        routes, proven = self._group.routes.of, self._group.routes.proven
         return [
             state
-            for state in tick.members.fresh()
+            for state in tick.peers.fresh()
             if state.plan_hash == self._preflight.plan_hash
             and state.airborne
             and state.left is None
             and state.phase in _IN_THE_AIR
-            and 0 < state.step <= steps
+            and 0 < state.step <= len(routes[state.agent].steps)
+            and proven(self._agent, state.agent, state.step) > 0
         ]
 
     def _may_follow(self, view: VehicleView, flying: list[AgentState]) -> bool:
-        step = self._group.progress.steps[_step_of(flying) - 1]
+        step = self._group.progress.steps[self._step_of(flying) - 1]
         if step.lands_in_place and view.landing:
             return True
         return view.controlled
@@ -179,7 +182,7 @@ class Takeover:
 
     def _take(self, tick: Tick, fix: OwnFix, flying: list[AgentState]) -> None:
         vehicle, progress, now = self._vehicle, self._group.progress, tick.now
-        step = _step_of(flying)
+        step = self._step_of(flying)
         vehicle.take_over(now, fix.height_m - _height_above_home(tick.view, fix))
         heights = [up_m for each in progress.steps[:step] if (up_m := each.climbs_to_m) is not None]
         vehicle.climb_to(heights[-1] if heights else vehicle.height(fix))
@@ -219,19 +222,25 @@ class Takeover:
         progress, flying = self._group.progress, self._flying(tick)
         self._interruption.lift()
         self._vehicle.take_back()
-        step = max([progress.step, *(state.step for state in flying)])
+        step = max(progress.step, self._step_of(flying))
         self._rejoin(tick.now, step, flying)
         text = f"takes its vehicle again; goes on at step {step}: {progress.name}"
         self._log.say(tick.now, Severity.WARNING, text)
-        if tick.members.peers and not flying:
+        if tick.peers.peers and not flying:
             why = "no other agent flies the mission any more"
             self._interruption.heed(tick, failed(FailsafeAction.LAND, why, Cause.PEER))
 
     def catch_up(self, tick: Tick) -> None:
         """After a command that held this agent for so long that the others went on without it."""
         flying = self._flying(tick)
-        if flying and _step_of(flying) > self._group.progress.step:
-            self._rejoin(tick.now, _step_of(flying), flying)
+        step = self._step_of(flying)
+        if step > self._group.progress.step:
+            self._rejoin(tick.now, step, flying)
+
+    def _step_of(self, flying: list[AgentState]) -> int:
+        """The own step: the furthest that the steps of these peers prove."""
+        routes = self._group.routes
+        return max((routes.proven(self._agent, s.agent, s.step) for s in flying), default=0)
 
     def _follow_hold(self, tick: Tick) -> None:
         """This agent has not seen the beginning of a hold step: the step is over when a peer says
@@ -240,7 +249,9 @@ class Takeover:
         step = progress.current
         if progress.step != self._step or step is None or step.lasts_s is None:
             return
-        if any((s.step, s.done) >= (self._step, True) for s in self._flying(tick)):
+        group = self._group.ids
+        flying = (s for s in self._flying(tick) if s.agent in group)
+        if any((s.step, s.done) >= (self._step, True) for s in flying):
             progress.finish_step(tick.now)
 
 
@@ -250,11 +261,6 @@ def _not_followed(view: VehicleView) -> FailsafeTrigger:
         return failed(FailsafeAction.LAND, why)
     why = f"the vehicle is in the air in {view.mode}, a mode that no agent set: not taken over"
     return failed(FailsafeAction.YIELD, why, Cause.PILOT)
-
-
-def _step_of(flying: list[AgentState]) -> int:
-    """The swarm's step: the furthest step of any peer proves all before it."""
-    return max(state.step for state in flying)
 
 
 def _height_above_home(view: VehicleView, fix: OwnFix) -> float:

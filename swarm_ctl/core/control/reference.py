@@ -23,7 +23,7 @@ from swarm_ctl.core.kernel.coast import stop_distance
 from swarm_ctl.core.model.formation_frame import STILL, Frame, Motion
 from swarm_ctl.core.model.geometry import Point, centred, mean_of, turned
 from swarm_ctl.core.model.messages import AgentState, Phase
-from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.plan import GroupPlan, Plan
 from swarm_ctl.core.model.steps.follow import FollowStep, Stops
 from swarm_ctl.core.model.steps.step import Path, Step
 from swarm_ctl.core.model.targets import TargetNow
@@ -71,8 +71,8 @@ def rate_towards(
 class Reference:
     """One agent's view of the shared frame, tick by tick."""
 
-    def __init__(self, plan: Plan, own_id: int) -> None:
-        self._plan, self._ids = plan, plan.group_of(own_id).ids
+    def __init__(self, plan: Plan, group: GroupPlan, own_id: int) -> None:
+        self._plan, self._ids = plan, group.ids
         self._own = own_id
         self._places: tuple[Point, ...] = ()
         """The newest shape's slots, centred, in the group's order [units]."""

@@ -270,6 +270,8 @@ class Targets:
         self._told_s = dict.fromkeys(self._of, -math.inf)
         self._said: dict[tuple[str, str], float] = {}
         self._silent: set[str] = set()
+        self.members = frozenset[int]()
+        """Of the own group."""
         self._joined: set[str] = set()
         """Those that are an agent which flies in the own formation now: after itself it would go on
         and on."""
@@ -332,9 +334,9 @@ class Targets:
             step: that is flown, if it follows one.
             begun_s: of that step, on the agent that leads: it plays a target of its mission.
         """
-        words, ids = list[TargetWord](), self._plan.group_of(self._own).ids
+        words = list[TargetWord]()
         at_hand = {p.id for p in peers.peers if p.state and p.state.phase is Phase.YIELD}
-        members = set(ids) - at_hand
+        members = self.members - at_hand
         self._joined = {name for name, target in self._of.items() if target.agent in members}
         for target in self._of.values():
             if now < self._told_s[target.name] + _TELLS_S - 1e-6:

@@ -20,7 +20,7 @@ import hashlib
 import itertools
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Annotated, Any, Final, NamedTuple
 
@@ -43,9 +43,9 @@ HEIGHT_DOUBT_M: Final = 0.5
 and a baro drifts with the weather."""
 MOST_UP_M: Final = 120.0
 """From the flight height to a slot, up or down."""
-_NEWER: Final = frozenset({"wake", "ups_m", "targets"})
+_NEWER: Final = frozenset({"wake", "ups_m", "targets", "before", "flies_m", "formed"})
 """Fields that count in a plan's hash only where they say something: a plan that says nothing of
-heights and targets is the one that it was before there were any."""
+heights, targets and groups is the one that it was before there were any."""
 _SLOW_LAG_S = 0.7
 _CALM_RATE = 2.0
 
@@ -205,12 +205,25 @@ class ShapePlan:
 
 @dataclass(frozen=True, slots=True)
 class GroupPlan:
-    """Agents, sorted by id, that fly the same steps: with a barrier, a shape, a frame, a graph and
-    roles of their own. Slots and neighbours in its steps are in the order of `agents`."""
+    """Agents, sorted by id, and the steps that they fly together: with a barrier, a shape, a frame,
+    a graph and roles of their own. Slots and neighbours in its steps are in the order of `agents`.
+
+    Where the swarm splits and joins, a group ends and others begin; the steps of each agent count
+    on from one to the next (`core/model/route.py`).
+    """
 
     name: str
     agents: tuple[AgentPlan, ...]
+    """With the places where they are planned to be as its steps begin."""
     steps: tuple[AnyStep, ...]
+    before: int = 0
+    """How many steps its agents have flown before its first."""
+    flies_m: float = 0.0
+    """The flight height as its steps begin; 0: they stand on the ground."""
+    ups_m: tuple[float, ...] = ()
+    """How far above it each of them is then; (): all are at it."""
+    formed: bool = False
+    """They stand in a shape then."""
 
     @property
     def ids(self) -> tuple[int, ...]:
@@ -218,21 +231,41 @@ class GroupPlan:
         return tuple(agent.id for agent in self.agents)
 
     @property
-    def step_names(self) -> list[str]:
-        """Of all steps, by their numbers."""
-        return [self.step_name(number) for number in range(len(self.steps) + 1)]
+    def members(self) -> frozenset[int]:
+        """Its agents, by id."""
+        return frozenset(agent.id for agent in self.agents)
+
+    @property
+    def last(self) -> int:
+        """The number of its last step."""
+        return self.before + len(self.steps)
+
+    @property
+    def numbers(self) -> range:
+        """Of its steps."""
+        return range(self.before + 1, self.last + 1)
+
+    @property
+    def told_steps(self) -> range:
+        """The numbers of its steps, and of the preparation before its first."""
+        return self.numbers if self.before else range(self.last + 1)
+
+    def step(self, number: int) -> AnyStep | None:
+        """The step of this number; None: it has none."""
+        return self.steps[number - self.before - 1] if number in self.numbers else None
 
     def step_name(self, number: int) -> str:
-        """`prepare` for 0, then the mission file's own words (`form hexagon`); `?` beyond the
-        last."""
-        if not 0 <= number <= len(self.steps):
-            return "?"
-        return self.steps[number - 1].title if number else "prepare"
+        """`prepare` for 0, then the mission file's own words (`form hexagon`); `?` where it has no
+        such step."""
+        step = self.step(number)
+        return "prepare" if number == 0 else step.title if step is not None else "?"
 
     def formations(self, unit_m: float) -> list[PlannedFormation]:
-        """Where the formation is planned to stand before the first step (index 0), and after step
-        k (index k, from 1)."""
-        start = PlannedFormation.at_start([agent.start for agent in self.agents], unit_m)
+        """Where the formation is planned to stand before the first step (index 0), and after its
+        k-th step (index k, from 1)."""
+        places = [agent.start for agent in self.agents]
+        start = PlannedFormation.at_start(places, unit_m, self.flies_m, self.ups_m)
+        start = replace(start, formed=self.formed)
         accumulated = itertools.accumulate(
             self.steps, lambda formation, step: step.after(formation), initial=start
         )
@@ -245,7 +278,7 @@ class PlannedStep(NamedTuple):
     plan: Plan
     group: GroupPlan
     number: int
-    """In its group, from 1."""
+    """Of its agents, from 1."""
     step: AnyStep
     before: PlannedFormation
     after: PlannedFormation
@@ -254,6 +287,12 @@ class PlannedStep(NamedTuple):
     def name(self) -> str:
         """`form hexagon`."""
         return self.step.title
+
+    @property
+    def waits_on(self) -> bool:
+        """It joins as the step before it did: the group has fewer steps than the others."""
+        before = self.group.step(self.number - 1)
+        return self.step.joins and before is not None and before.joins
 
 
 @dataclass(frozen=True)  # no slots: it keeps its hash
@@ -277,7 +316,7 @@ class Plan:
     policies: Policies
     prepare_timeout_s: float
     groups: tuple[GroupPlan, ...]
-    """Each agent is in one of them."""
+    """By their first steps; each agent is in one of them at a time."""
     shapes: tuple[ShapePlan, ...]
     fence: Fence | None
     safety: Safety
@@ -300,10 +339,10 @@ class Plan:
 
     @property
     def agents(self) -> tuple[AgentPlan, ...]:
-        """Of all groups, sorted by id."""
+        """All, sorted by id, with the starts of their vehicles."""
         if len(self.groups) == 1:
             return self.groups[0].agents
-        found = (agent for group in self.groups for agent in group.agents)
+        found = (agent for group in self.groups if not group.before for agent in group.agents)
         return tuple(sorted(found, key=lambda agent: agent.id))
 
     def agent(self, agent_id: int) -> AgentPlan:
@@ -313,20 +352,33 @@ class Plan:
                 return agent
         raise KeyError(agent_id)
 
-    def group_of(self, agent_id: int) -> GroupPlan:
-        """The group that `agent_id` flies in; KeyError where the plan has no such agent."""
+    def group_of(self, agent_id: int, step: int = 0) -> GroupPlan:
+        """The group that `agent_id` flies in, in its step of this number; KeyError where the plan
+        has no such agent, or no such step of it."""
         for group in self.groups:
-            if agent_id in group.ids:
+            if (step in group.numbers or step == group.before == 0) and agent_id in group.ids:
                 return group
         raise KeyError(agent_id)
+
+    @property
+    def last_step(self) -> int:
+        """The number of the last step."""
+        return max(group.last for group in self.groups)
+
+    def steps_of(self, agent_id: int) -> list[AnyStep]:
+        """All that `agent_id` flies, in whatever group."""
+        return [step for group in self.groups if agent_id in group.ids for step in group.steps]
 
     def all_steps(self) -> list[PlannedStep]:
         """Those of all groups, group by group."""
         return [
-            PlannedStep(self, group, k, group.steps[k - 1], before, after)
+            PlannedStep(self, group, number, step, before, after)
             for group in self.groups
-            for k, (before, after) in enumerate(
-                itertools.pairwise(group.formations(self.unit_m)), start=1
+            for number, step, (before, after) in zip(
+                group.numbers,
+                group.steps,
+                itertools.pairwise(group.formations(self.unit_m)),
+                strict=True,
             )
         ]
 

@@ -32,10 +32,17 @@ class PlannedFormation:
     """How far above `height_m` each slot is; (): all are at it."""
 
     @classmethod
-    def at_start(cls, starts: Sequence[Point], unit_m: float) -> PlannedFormation:
-        """On the ground; `starts` in units, in the order of the group's agents."""
+    def at_start(
+        cls,
+        starts: Sequence[Point],
+        unit_m: float,
+        height_m: float = 0.0,
+        ups_m: tuple[float, ...] = (),
+    ) -> PlannedFormation:
+        """No shape yet; `starts` in units, in the order of the group's agents."""
         north, east = mean_of(starts)
-        return cls(tuple(starts), unit_m, (north * unit_m, east * unit_m))
+        centre_m = north * unit_m, east * unit_m
+        return cls(tuple(starts), unit_m, centre_m, height_m=height_m, ups_m=ups_m)
 
     @property
     def offsets(self) -> tuple[Point, ...]:

@@ -23,6 +23,7 @@ from swarm_ctl.core.model.messages import (
     SigmaReport,
 )
 from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.route import Routes
 from swarm_ctl.core.swarm.snapshot import TRAFFIC
 
 _MOST: Final = 1e12
@@ -38,14 +39,11 @@ class InPlan:
 
     def __init__(self, plan: Plan) -> None:
         self._hash = plan.hash()
-        self._legs = {
-            agent: [len(step.way_m) for step in group.steps]
-            for group in plan.groups
-            for agent in group.ids
-        }
-        """By agent, of each step of its group: how many waypoints can be passed."""
-        self._members = {agent: len(group.ids) for group in plan.groups for agent in group.ids}
-        """By agent: how many its group has."""
+        routes = Routes(plan).of
+        legs = {route: [len(step.way_m) for step in route.steps] for route in {*routes.values()}}
+        self._legs = {agent: legs[route] for agent, route in routes.items()}
+        """By agent, of each of its steps: how many waypoints can be passed."""
+        self._routes = routes
         self._ids = frozenset(self._legs)
         self._most_steps = max(map(len, self._legs.values()), default=0)
 
@@ -106,7 +104,8 @@ class InPlan:
             return f"its way back is at stage {state.stage}; allowed: 0 to {_STAGES}"
         if state.exchange is not NO_EXCHANGE:
             said = state.exchange
-            members = self._members.get(state.agent, 0)
+            route = self._routes.get(state.agent)
+            members = len(route.group(state.step).agents) if route is not None else 0
             odd = said.beyond(members)
             if odd is not None:
                 return f"it names place {odd} in the plan; allowed: 0 to {members - 1}"
@@ -130,7 +129,9 @@ class InPlan:
         return "" if math.hypot(*figures) < _MOST else _odd_figure(state)
 
     def _of_status(self, status: AgentStatus) -> str:
-        steps, members = len(self._legs.get(status.agent, ())), self._members.get(status.agent, 0)
+        route = self._routes.get(status.agent)
+        steps = len(route.steps) if route is not None else 0
+        members = max((len(group.agents) for group in route.groups), default=0) if route else 0
         if not 0 <= status.step <= steps:
             return f"it is in step {status.step}; {_has(steps)}"
         if len(status.steps) > steps + 1:

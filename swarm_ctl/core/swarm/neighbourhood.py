@@ -9,6 +9,7 @@ from swarm_ctl.core.law import graph
 from swarm_ctl.core.model.messages import Severity
 from swarm_ctl.core.model.plan import GroupPlan
 from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
 from swarm_ctl.core.swarm.snapshot import PeerSnapshot
 
 
@@ -23,6 +24,9 @@ class Neighbourhood:
         }
         self._lost: frozenset[int] = frozenset()
         self._heard: tuple[int, ...] = self._planned[own_id]
+        self._new_until_s: float | None = None
+        """A neighbour that was far is heard at every tick only from then on; None: from the next
+        tick on so long."""
         self.links = self._planned
         """N_i of every agent, by id; a new object whenever one of them changes. Lost agents are
         not in it."""
@@ -38,7 +42,7 @@ class Neighbourhood:
         """A step brings a graph of its own, in the order of the group's agents."""
         self._planned = dict(zip(self._ids, neighbours, strict=True))
         self._apply()
-        self._heard = tuple(sorted(self.own))
+        self._heard, self._new_until_s = tuple(sorted(self.own)), None
 
     def lose(self, lost: Iterable[int]) -> list[tuple[Severity, str]]:
         """The mission goes on without these agents: their neighbours become neighbours of each
@@ -59,6 +63,10 @@ class Neighbourhood:
     def watch(self, peers: PeerSnapshot) -> list[tuple[Severity, str]]:
         """Neighbours that are no longer heard, or again, and what that does to the graph."""
         heard, before = self.heard(peers), self._heard
+        if self._new_until_s is None:
+            self._new_until_s = peers.now_s + NEIGHBOUR_S
+        if peers.now_s < self._new_until_s:
+            heard = tuple(sorted({*heard, *before}))
         if heard == before:
             return []
         self._heard = heard

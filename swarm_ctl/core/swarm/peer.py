@@ -68,7 +68,7 @@ class Peer:
     id: int
     clock: PeerClock
     limits: BeliefLimits
-    group: str = ""
+    groups: tuple[str, ...] = ()
     """The own one, if it is a member."""
     state: AgentState | None = None
     """The newest one that is believed."""
@@ -151,7 +151,7 @@ class Peer:
             fresh,
             age_s <= NEIGHBOUR_S + late_s and heard,
             age_s <= FRESH_S and heard and state.phase in _YIELDING and not suspect,
-            (self.group, state.step, state.override)
+            (self._group(state.step), state.step, state.override)
             if fresh and state.phase is Phase.FLY
             else None,
             self.limits.counted_s(state.response_s),
@@ -166,6 +166,9 @@ class Peer:
             self.true_s,
             abs(self._heights.off_m),
         )
+
+    def _group(self, step: int) -> str:
+        return self.groups[step] if step < len(self.groups) else ""
 
     def approach(self, now: float, *, near: bool) -> None:
         """It is near from now on, or far."""

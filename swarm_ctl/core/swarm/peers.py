@@ -15,6 +15,7 @@ from swarm_ctl.core.model.messages import (
     Severity,
 )
 from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.model.route import Routes
 from swarm_ctl.core.model.vehicle import Contact
 from swarm_ctl.core.swarm.clocks import Clocks
 from swarm_ctl.core.swarm.hearing import hears_all
@@ -34,9 +35,9 @@ class Peers:
         others = (agent.id for agent in plan.agents if agent.id != own_id)
         self.clocks = Clocks(own_id, others, same_clock)
         limits = BeliefLimits.of(plan)
-        near_s = -math.inf if hears_all(plan) else math.inf
+        near_s, routes = -math.inf if hears_all(plan) else math.inf, Routes(plan)
         self._by_id = {
-            agent: Peer(agent, clock, limits, plan.group_of(agent).name, near_s=near_s)
+            agent: Peer(agent, clock, limits, routes.of[agent].names, near_s=near_s)
             for agent, clock in self.clocks.of.items()
         }
         self._near = list(self) if hears_all(plan) else []

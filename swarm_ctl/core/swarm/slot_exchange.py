@@ -26,7 +26,7 @@ from swarm_ctl.core.kernel.exchange import (
     took_part,
 )
 from swarm_ctl.core.model.messages import AgentState, ExchangeState, Phase
-from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.model.plan import GroupPlan, Plan, Point
 from swarm_ctl.core.model.timeouts import FRESH_S, PREDICT_S
 from swarm_ctl.core.swarm.peers import Peers
 from swarm_ctl.core.swarm.snapshot import FormationKey
@@ -42,10 +42,10 @@ class SlotExchange:
     """Knows the roles as they are heard, and exchanges for one agent. Call `hear` and `look` every
     tick."""
 
-    def __init__(self, plan: Plan, own_id: int, peers: Peers) -> None:
+    def __init__(self, plan: Plan, group: GroupPlan, own_id: int, peers: Peers) -> None:
         self._unit_m = plan.unit_m
         self._r = plan.law.r
-        self._ids = plan.group_of(own_id).ids
+        self._ids, self._steps = group.ids, group.told_steps
         self._places = {agent: place for place, agent in enumerate(self._ids)}
         self._own, self._place = own_id, self._places[own_id]
         self._peers = peers
@@ -73,6 +73,8 @@ class SlotExchange:
         for peer in self._peers:
             state, before = peer.state, known.get(peer.id)
             if state is None or state is before or peer.id not in self._places:
+                continue
+            if state.step not in self._steps:  # it flies in another group, with other roles
                 continue
             known[peer.id] = state
             if before is None or state.exchange is not before.exchange:

@@ -17,6 +17,7 @@ import numpy as np
 from swarm_ctl import law_loader
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import apart_in_height, distances
+from swarm_ctl.core.model.plan import EVERYONE
 from swarm_ctl.core.safety.fence import area, crossing_edges, inside
 from swarm_ctl.core.swarm.hearing import SMALL_SWARM
 from swarm_ctl.errors import InputError
@@ -33,14 +34,17 @@ from swarm_ctl.mission.input.findings import (
     too_short,
     twice,
 )
+from swarm_ctl.mission.input.near_matches import did_you_mean
 from swarm_ctl.mission.input.units import enough, metres, said
 from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.sections.shape_sections import OffsetsShape, RingShape, Shape, StarShape
 from swarm_ctl.mission.sections.simulation_section import overlaps
+from swarm_ctl.mission.steps.barrier import BarrierSection
 from swarm_ctl.mission.steps.follow import target_findings
 from swarm_ctl.mission.steps.form import FormSection
 from swarm_ctl.mission.steps.move import MAX_DISTANCE_M
-from swarm_ctl.mission.steps.table import KINDS, LAST
+from swarm_ctl.mission.steps.table import KINDS, LAST, WrittenStep
+from swarm_ctl.mission.written_steps import REST, written_steps
 
 
 def check(mission: MissionFile, broken: frozenset[str] = frozenset()) -> list[Mistake]:
@@ -51,10 +55,12 @@ def check(mission: MissionFile, broken: frozenset[str] = frozenset()) -> list[Mi
         if not broken.intersection(needs.split())
         for finding in function(mission)
     ]
-    for k, step in enumerate(() if "steps" in broken else mission.steps):
-        for needs, check_step in KINDS[step.kind].checks if step.kind else ():
-            if not broken.intersection(needs.split()):
-                found += check_step(step.body, ("steps", k, step.kind), mission)
+    if broken.isdisjoint({"steps", "groups", "agents"}):
+        for group, place, entry in written_steps(mission):
+            for needs, check_step in KINDS[entry.kind].checks if entry.kind in KINDS else ():
+                if not broken.intersection(needs.split()):
+                    seen = group.seen_by(mission)
+                    found += check_step(entry.body, (*place, entry.kind), seen)
     return found
 
 
@@ -231,11 +237,16 @@ def _shapes(mission: MissionFile) -> Findings:
 
 
 def _slot_distances(mission: MissionFile, place: Place, shape: Shape) -> Findings:
-    """Slots are r_out apart, or a layer, in each step that forms the shape."""
-    steps = (step.body for step in mission.steps)
-    forms = [body for body in steps if isinstance(body, FormSection) and body.shape == place[-1]]
-    ups_m = ups_of(shape, len(mission.agents))
-    between, r_out = distances(slots_of(shape, len(mission.agents))), mission.law.r_out
+    """Slots are r_out apart, or a layer, in each step that forms the shape; of as many agents as
+    the largest group that forms it has."""
+    forms, sizes = list[FormSection](), list[int]()
+    for group, _, entry in written_steps(mission):
+        if isinstance(entry.body, FormSection) and entry.body.shape == place[-1]:
+            forms.append(entry.body)
+            sizes.append(len(group.ids))
+    size = max(sizes, default=len(mission.agents))
+    ups_m = ups_of(shape, size)
+    between, r_out = distances(slots_of(shape, size)), mission.law.r_out
     if len(ups_m) != len(between):
         what, allowed = f"{len(ups_m)} heights for {len(between)} slots", "one for each slot"
         yield Mistake((*place, "up_m"), what, allowed)
@@ -272,9 +283,9 @@ def _wide(shape: Shape, times: float) -> str:
 
 
 def _slot_counts(mission: MissionFile) -> Findings:
-    need = len(mission.agents)
-    formed = {step.body.shape_formed: None for step in mission.steps if step.body}
-    for name in formed:
+    bodies = ((len(group.ids), entry.body) for group, _, entry in written_steps(mission))
+    formed = {(body.shape_formed, need): None for need, body in bodies if body and need}
+    for name, need in formed:
         if name is None or name not in mission.shapes:
             continue
         shape = mission.shapes[name]
@@ -289,32 +300,152 @@ def _slot_counts(mission: MissionFile) -> Findings:
 
 
 def _steps(mission: MissionFile) -> Findings:
-    kinds = [step.kind for step in mission.steps]
-    last = len(kinds) - 1
-    for k, kind in enumerate(kinds):
-        place = ("steps", k)
-        if not kind:
-            yield Mistake(place, "is not one step", f"exactly one of {', '.join(KINDS)}")
-        elif k == 0 and not KINDS[kind].opens:
-            yield Mistake(place, f"{kind} before takeoff", "takeoff as the first step")
-        elif k > 0 and KINDS[kind].opens:
-            yield Mistake(place, f"{kind} in the air", f"{kind} as the first step only")
-        if k < last and kind in LAST:
-            yield Mistake(place, f"steps after {kind}", f"{kind} as the last step only")
-        formed = any(step.body and step.body.shape_formed for step in mission.steps[:k])
-        if kind and KINDS[kind].keeps_formation and not formed:
-            yield Mistake(place, f"{kind} without a formation to keep", "a form step before it")
-    if kinds[last] not in {*LAST, ""}:
-        what = f"the mission ends with {kinds[last]}"
+    last, entries = len(mission.steps) - 1, mission.steps
+    for k, entry in enumerate(entries):
+        formed = any(e.body and e.body.shape_formed for e in entries[_joined(mission, k) : k])
+        if entry.split is None or not entry.kind:
+            yield from _in_order(("steps", k), entry, first=k == 0, last=k == last, formed=formed)
+            continue
+        if k == 0:
+            yield Mistake(("steps", k), "split before takeoff", "takeoff as the first step")
+        for name, steps in entry.split.items():
+            own = formed
+            for j, step in enumerate(steps):
+                place = ("steps", k, "split", name, j)
+                end = j == len(steps) - 1
+                yield from _in_order(place, step, first=False, last=end, formed=own)
+                own = own or bool(step.body and step.body.shape_formed)
+    if entries[last].split is None and entries[last].kind not in {*LAST, ""}:
+        what = f"the mission ends with {entries[last].kind}"
         yield Mistake(("steps", last), what, "land or return as the last step")
 
 
+def _joined(mission: MissionFile, k: int) -> int:
+    """Where the steps begin that the swarm has flown as one up to the k-th."""
+    return max((j + 1 for j in range(k) if mission.steps[j].split is not None), default=0)
+
+
+def _in_order(
+    place: Place, step: WrittenStep, *, first: bool, last: bool, formed: bool
+) -> Findings:
+    kind = step.kind
+    if kind not in KINDS:
+        one = ", ".join([*KINDS, *(["split"] if len(place) == 2 else [])])
+        yield Mistake(place, "is not one step", f"exactly one of {one}")
+        return
+    if first and not KINDS[kind].opens:
+        yield Mistake(place, f"{kind} before takeoff", "takeoff as the first step")
+    elif not first and KINDS[kind].opens:
+        yield Mistake(place, f"{kind} in the air", f"{kind} as the first step only")
+    if not last and kind in LAST:
+        yield Mistake(place, f"steps after {kind}", f"{kind} as the last step only")
+    if KINDS[kind].keeps_formation and not formed:
+        yield Mistake(place, f"{kind} without a formation to keep", "a form step before it")
+
+
+def _groups(mission: MissionFile) -> Findings:
+    ids = sorted(agent.id for agent in mission.agents)
+    for name, members in mission.groups.items():
+        place = ("groups", name)
+        if name in (EVERYONE, REST):
+            yield Mistake(place, f"{name} is a group of every mission", "another name")
+        yield from twice({(*place, k): i for k, i in enumerate(members)}, "each agent once")
+        for k, agent in enumerate(members):
+            if agent not in ids:
+                what = f"there is no agent {agent}"
+                yield Mistake((*place, k), what, f"one of {listed(ids)}")
+
+
+def _splits(mission: MissionFile) -> Findings:
+    known, flying = sorted(mission.groups), {agent.id for agent in mission.agents}
+    for k, entry in enumerate(mission.steps):
+        place, taken = ("steps", k, "split"), dict[int, str]()
+        if not flying:
+            yield Mistake(("steps", k), "steps after all have landed", "no step after it")
+            return
+        for name, steps in (entry.split or {}).items():
+            if name not in mission.groups:
+                allowed = (
+                    f"one of {', '.join(known)}" if known else "a name from the section groups"
+                )
+                hint = did_you_mean(name, known)
+                yield Mistake((*place, name), f"there is no group {name!r}{hint}", allowed)
+            members = mission.groups.get(name, ())
+            twice_in = [i for i in members if i in taken]
+            if twice_in:
+                other = taken[twice_in[0]]
+                what = f"agent {twice_in[0]} is in {other}, too"
+                yield Mistake((*place, name), what, "groups of a split that share no agent")
+            gone = [i for i in members if i not in flying and i not in taken]
+            if gone:
+                what = f"agent {gone[0]} has landed in an earlier split"
+                yield Mistake((*place, name), what, f"some of {listed(flying)}")
+            taken |= dict.fromkeys(members, name)
+            if set(members) >= flying:
+                what = f"{name} is the whole swarm"
+                yield Mistake((*place, name), what, "the steps without a split, or more groups")
+            if steps[-1].kind in LAST:
+                flying = flying - set(members)
+    if mission.steps[-1].split is not None and flying:
+        what = f"the mission ends with a split, and agents {listed(flying)} fly on"
+        yield Mistake(("steps", len(mission.steps) - 1), what, "land or return as the last step")
+
+
+def _barriers(mission: MissionFile) -> Findings:
+    """Each is in a split, for two groups at least, and all come to them in one order."""
+    split_of = dict[str, int]()
+    for k, entry in enumerate(mission.steps):
+        if isinstance(entry.body, BarrierSection):
+            yield Mistake(("steps", k), "a barrier of the whole swarm", "a barrier in a split")
+        own = {
+            name: [
+                (j, s.body.name) for j, s in enumerate(steps) if isinstance(s.body, BarrierSection)
+            ]
+            for name, steps in (entry.split or {}).items()
+        }
+        for name, barriers in own.items():
+            for j, barrier in barriers:
+                place = ("steps", k, "split", name, j, "barrier", "name")
+                others = [b for other in own if other != name for _, b in own[other]]
+                if barrier not in others:
+                    named = ", ".join(sorted(set(others))) or "one that another group has, too"
+                    yield Mistake(place, f"no other group has a barrier {barrier!r}", named)
+                if split_of.setdefault(barrier, k) != k:
+                    what = f"barrier {barrier!r} is in an earlier split, too"
+                    yield Mistake(place, what, "a name of its own")
+                if [b for _, b in barriers].index(barrier) < [i for i, _ in barriers].index(j):
+                    yield Mistake(place, f"barrier {barrier!r} twice", "a name of its own")
+        yield from _dead_lock(k, {name: [b for _, b in found] for name, found in own.items()})
+
+
+def _dead_lock(k: int, own: dict[str, list[str]]) -> Findings:
+    """Groups that come to their barriers in an order in which each waits for another for ever."""
+    left = {name: list(barriers) for name, barriers in own.items()}
+    while any(left.values()):
+        passed = next(
+            (
+                b[0]
+                for b in left.values()
+                if b and all(b[0] not in other[1:] for other in left.values())
+            ),
+            None,
+        )
+        if passed is None:
+            waits = ", ".join(f"{name} at {b[0]}" for name, b in left.items() if b)
+            what = f"groups wait for each other for ever: {waits}"
+            yield Mistake(("steps", k, "split"), what, "barriers in one order in all groups")
+            return
+        for barriers in left.values():
+            if barriers and barriers[0] == passed:
+                barriers.pop(0)
+
+
 def _timeouts(mission: MissionFile) -> Findings:
-    for k, step in enumerate(mission.steps):
-        if step.kind:
-            body: Any = step.body
-            needed_s = KINDS[step.kind].needed_s(body, mission)
-            yield from too_short(("steps", k, step.kind), body.timeout_s, needed_s)
+    for group, place, entry in written_steps(mission):
+        if entry.kind in KINDS:
+            body: Any = entry.body
+            needed_s = KINDS[entry.kind].needed_s(body, group.seen_by(mission))
+            yield from too_short((*place, entry.kind), body.timeout_s, needed_s)
 
 
 # --- fence ---
@@ -354,9 +485,12 @@ _CHECKS: tuple[tuple[str, Callable[[MissionFile], Findings]], ...] = (
     ("agents fleet", _fleet_has_all),
     ("agents fleet", _links_of_fleet),
     ("agents simulation", _faults),
-    ("shapes agents law lengths unit_m wake vehicle steps", _shapes),
-    ("shapes agents steps", _slot_counts),
+    ("groups agents", _groups),
+    ("shapes agents law lengths unit_m wake vehicle steps groups", _shapes),
+    ("shapes agents steps groups", _slot_counts),
     ("steps", _steps),
-    ("steps vehicle", _timeouts),
+    ("steps groups agents", _splits),
+    ("steps", _barriers),
+    ("steps vehicle groups agents", _timeouts),
     ("neighbours agents", _links),
 )

@@ -14,6 +14,7 @@ from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.fleet import SigningPolicy, VehicleKind
 from swarm_ctl.core.model.plan import Compensation, Plan, Point, Policy
 from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.route import flight_s
 from swarm_ctl.core.swarm.radio import LEAST_HZ, budget
 from swarm_ctl.law_loader import own_law
 from swarm_ctl.mission.checks import envelope
@@ -25,6 +26,7 @@ from swarm_ctl.mission.input.findings import ROUNDING, Findings
 from swarm_ctl.mission.input.units import said
 from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.steps.table import KINDS, kind_of, place_of
+from swarm_ctl.mission.written_steps import written_steps
 
 _SMALLEST_R_IN_M = 1.0
 _WEAK_R_OUT = 3.0
@@ -74,6 +76,8 @@ def _stretched_links(mission: MissionFile, plan: Plan) -> Findings:
     r, links = plan.law.r, {agent.id: agent.neighbours for agent in plan.agents}
     for at in plan.all_steps():
         form, ids = at.step.new_shape, at.group.ids
+        if at.number == at.group.before + 1:
+            links |= {agent.id: agent.neighbours for agent in at.group.agents}
         if form is None:
             continue
         if form.neighbours:
@@ -107,16 +111,15 @@ def _rechosen_fit(before: PlannedFormation, slots: dict[int, Point], r: float) -
 
 
 def _long_flight(_mission: MissionFile, plan: Plan) -> Findings:
-    for _, steps in itertools.groupby(plan.all_steps(), key=lambda at: at.group.name):
-        times = [(kind_of(at.step).least_s(at.step, at), at) for at in steps]
-        flight_s = sum(least_s for least_s, _ in times)
-        if flight_s > _LONG_FLIGHT_S:
-            longest_s, longest = max(times, key=lambda each: each[0])
-            what = (
-                f"takes {longest_s:.0f} s at least, of a flight of {flight_s:.0f} s: most"
-                f" batteries end after about {_LONG_FLIGHT_S:g} s"
-            )
-            yield Mistake(place_of(longest), what, "")
+    times = [(kind_of(at.step).least_s(at.step, at), at) for at in plan.all_steps()]
+    whole_s = flight_s(plan, [least_s for least_s, _ in times])
+    if whole_s > _LONG_FLIGHT_S:
+        longest_s, longest = max(times, key=lambda each: each[0])
+        what = (
+            f"takes {longest_s:.0f} s at least, of a flight of {whole_s:.0f} s: most"
+            f" batteries end after about {_LONG_FLIGHT_S:g} s"
+        )
+        yield Mistake(place_of(longest), what, "")
 
 
 def _far_away(mission: MissionFile, plan: Plan) -> Findings:
@@ -124,7 +127,8 @@ def _far_away(mission: MissionFile, plan: Plan) -> Findings:
     if mission.fence.polygon is not None:
         return
     for at in plan.all_steps():
-        home = at.group.formations(plan.unit_m)[0].centre_m
+        starts = [plan.agent(agent).start for agent in at.group.ids]
+        home = PlannedFormation.at_start(starts, plan.unit_m).centre_m
         away_m = max((math.dist(home, point) for point in at.step.way_m), default=0.0)
         if away_m > _FAR_M:
             what = (
@@ -206,8 +210,8 @@ def _limits_at_once(_mission: MissionFile, plan: Plan) -> Findings:
 
 
 def _doubtful_steps(mission: MissionFile, _plan: Plan) -> Findings:
-    for k, step in enumerate(mission.steps):
-        yield from KINDS[step.kind].doubtful(step.body, ("steps", k, step.kind))
+    for _, place, entry in written_steps(mission):
+        yield from KINDS[entry.kind].doubtful(entry.body, (*place, entry.kind))
 
 
 def _small_r_in(_mission: MissionFile, plan: Plan) -> Findings:
@@ -338,7 +342,8 @@ def _unknown_wind(mission: MissionFile, plan: Plan) -> Findings:
 
 
 def _unused_shapes(mission: MissionFile, plan: Plan) -> Findings:
-    used = {step.body.shape_formed for step in mission.steps if step.body}
+    bodies = (entry.body for _, _, entry in written_steps(mission))
+    used = {body.shape_formed for body in bodies if body}
     agents, ordered = len(plan.agents), {shape.name for shape in plan.shapes}
     for name, shape in mission.shapes.items():
         if name not in used:

@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from swarm_ctl.core.law.formation import distances, formation_error
 from swarm_ctl.core.model.plan import GroupPlan, Plan
-from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.errors import MissionError
@@ -92,9 +91,8 @@ def refuse_too_close(loaded: LoadedMission, forecasts: Iterable[StepForecast]) -
 def forecast_forms(plan: Plan, group: GroupPlan) -> list[FormForecast]:
     """Every `form` step of a group in order, each from where the one before ended. The other groups
     are not in its way."""
-    starts = [agent.start for agent in group.agents]
-    points, forecasts = np.array(starts, dtype=np.float64), list[FormForecast]()
-    formation = PlannedFormation.at_start(starts, plan.unit_m)
+    formation = group.formations(plan.unit_m)[0]
+    points, forecasts = np.array(formation.places), list[FormForecast]()
     links: Links = [agent.neighbours for agent in group.agents]
     for step in group.steps:
         before, formation = formation, step.after(formation)

@@ -67,7 +67,16 @@ class PlanAndFleet(BaseModel):
         _refuse_repeated("fleet: sysid", (agent.sysid for agent in self.fleet))
         ids, groups = [agent.id for agent in self.plan.agents], self.plan.groups
         _refuse_repeated("plan: agent id", ids)
-        _refuse_repeated("plan: group", (group.name for group in groups))
+        starts = (f"{group.name} after step {group.before}" for group in groups)
+        _refuse_repeated("plan: group", starts)
+        for agent in ids:
+            ends = [0, *(group.last for group in groups if agent in group.ids)]
+            begins = [group.before for group in groups if agent in group.ids]
+            if begins != ends[:-1]:
+                raise ValueError(
+                    f"plan: the groups of agent {agent} begin after steps {begins}; allowed: each"
+                    " where the one before ends"
+                )
         if not groups or not all(group.agents for group in groups):
             raise ValueError("plan: no agents in a group; allowed: groups of one and more")
         if {agent.id for agent in self.fleet} != set(ids):

@@ -51,8 +51,7 @@ class Return(StepKind[ReturnSection, ReturnStep]):
         return fastest_s(mission)
 
     def least_s(self, step: ReturnStep, at: PlannedStep) -> float:
-        starts_m = at.group.formations(at.plan.unit_m)[0].places_m()
-        ways_m = sum(map(math.dist, at.before.places_m(), starts_m))
+        ways_m = sum(math.dist(*way) for way in self.ways_m(step, at))
         return ways_m / at.plan.policies.return_speed_mps
 
     def expected_s(self, step: ReturnStep, at: PlannedStep, autopilot: UpAndDown) -> float:
@@ -60,7 +59,7 @@ class Return(StepKind[ReturnSection, ReturnStep]):
         is down."""
         plan, limits, speed = at.plan, at.plan.limits, at.plan.policies.return_speed_mps
         apart_m = margins_of(plan.law, plan.response, limits.speed_mps, plan.unit_m).keep_out
-        heights = [return_height_m(plan, agent.id) for agent in plan.agents]
+        heights = [return_height_m(plan, agent) for agent in at.group.ids]
         places, starts = zip(*self.ways_m(step, at), strict=True)
         home_s = [
             max(0.0, up_m - at.before.height_m) / limits.climb_mps + way_m / speed + _TURN_S
@@ -75,5 +74,5 @@ class Return(StepKind[ReturnSection, ReturnStep]):
     def ways_m(self, step: ReturnStep, at: PlannedStep) -> list[tuple[Point, ...]]:
         """To the own start."""
         unit = at.plan.unit_m
-        starts = [(n * unit, e * unit) for n, e in (agent.start for agent in at.group.agents)]
+        starts = [(n * unit, e * unit) for n, e in (at.plan.agent(i).start for i in at.group.ids)]
         return list(zip(at.before.places_m(), starts, strict=True))

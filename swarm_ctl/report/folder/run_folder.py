@@ -16,6 +16,7 @@ import numpy.typing as npt
 from swarm_ctl.core.agent.agent import STATUS_EVERY_S
 from swarm_ctl.core.model.messages import AgentStatus, StepOutcome
 from swarm_ctl.core.model.plan import GroupPlan, Plan
+from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.swarm.in_plan import InPlan
@@ -40,21 +41,22 @@ class FlownGroup:
 
     @property
     def form_steps(self) -> list[int]:
-        """The numbers of its form steps, from 1."""
-        steps = enumerate(self.plan.steps, 1)
+        """The numbers of its form steps."""
+        steps = zip(self.plan.numbers, self.plan.steps, strict=True)
         return [k for k, step in steps if step.new_shape is not None]
 
     @property
     def begun(self) -> list[int]:
         """The numbers of the steps that an agent of it began."""
-        return [k for k in range(len(self.plan.steps) + 1) if math.isfinite(self.start_s(k))]
+        return [k for k in self.plan.told_steps if math.isfinite(self.start_s(k))]
 
     def slot_indices(self, time_s: Floats) -> npt.NDArray[np.intp]:
         """The slot index of each of its agents at each moment, (T, n); exchanges change it."""
         found = np.tile(np.arange(len(self.plan.ids)), (len(time_s), 1))
+        begins_s = self.start_s(self.plan.before + 1) if self.plan.before else -math.inf
         for k, agent in enumerate(self.plan.ids):
             for since_s, index in self.last[agent].status.roles if agent in self.last else ():
-                if 0 <= index < len(self.plan.ids):
+                if 0 <= index < len(self.plan.ids) and since_s >= begins_s:
                     found[time_s >= since_s, k] = index
         return found
 
@@ -67,10 +69,20 @@ class FlownGroup:
         found = (last.step(k) for last in whole or self.last.values())
         return min((result.start_s for result in found if result), default=math.inf)
 
+    def newest_formation(self, unit_m: float) -> PlannedFormation:
+        """As planned for the last of its steps that began."""
+        reached = max((k - self.plan.before for k in self.begun), default=0)
+        return self.plan.formations(unit_m)[max(0, reached)]
+
+    def ends_s(self) -> float:
+        """When its landing began, or its agents went on in another group; inf: unknown."""
+        return min(self.landing_s(), self.start_s(self.plan.last + 1))
+
     def landing_s(self) -> float:
         """When its landing began, by plan or because an agent of the formation broke its step off;
         inf: unknown."""
-        planned = (self.start_s(k) for k, step in enumerate(self.plan.steps, 1) if step.goes_down)
+        steps = zip(self.plan.numbers, self.plan.steps, strict=True)
+        planned = (self.start_s(k) for k, step in steps if step.goes_down)
         broken = (
             result.end_s
             for status in (last.status for last in self.last.values())
@@ -178,7 +190,7 @@ class RunFolder:
 
     def landing_s(self) -> float:
         """When the last group's landing began; inf: unknown."""
-        return max((group.landing_s() for group in self.groups), default=math.inf)
+        return max((group.ends_s() for group in self.groups if group.begun), default=math.inf)
 
 
 def read_run(folder: Path, killed: Collection[int] = ()) -> RunFolder:

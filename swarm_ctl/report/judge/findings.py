@@ -93,11 +93,12 @@ def _headline(run: RunFolder, found: list[Finding]) -> str:
 
 
 def _step_at(run: RunFolder, found: Finding) -> str:
-    for group in run.groups:
-        begun = [k for k in group.begun if group.start_s(k) <= found.time_s]
-        if begun and found.agents[0] in group.plan.ids:
-            return f"in step {begun[-1]} ({group.plan.step_name(begun[-1])})"
-    return "before the first step"
+    own = [group for group in run.groups if found.agents[0] in group.plan.ids]
+    begun = [(k, g) for g in own for k in g.begun if g.start_s(k) <= found.time_s]
+    if not begun:
+        return "before the first step"
+    k, group = begun[-1]
+    return f"in step {k} ({group.plan.step_name(k)})"
 
 
 # --- pairs ---
@@ -228,8 +229,8 @@ def _landing(run: RunFolder, plan: Plan, k: int, events: list[TruthEvent]) -> It
     last = run.last.get(agent)
     if last is None or flight is None or last.status.outcome is not Outcome.COMPLETED:
         return
-    (group,) = (each for each in run.groups if agent in each.plan.ids)
-    steps = group.plan.steps
+    group = [each for each in run.groups if agent in each.plan.ids][-1]
+    steps = plan.steps_of(agent)
     numbers = [j for j, s in enumerate(steps, 1) if s.goes_down]
     begun_s = group.start_s(numbers[0]) if numbers else math.inf
     if not math.isfinite(begun_s):

@@ -213,17 +213,16 @@ def _of_manifest(manifest: Manifest | None) -> dict[str, Any]:
 
 
 def _steps(run: RunFolder) -> tuple[StepSummary, ...]:
-    return tuple(
-        _step(run, group, k) for group in run.groups for k in range(len(group.plan.steps) + 1)
-    )
+    return tuple(_step(run, group, k) for group in run.groups for k in group.plan.told_steps)
 
 
 def _first_forming_s(run: RunFolder, steps: Sequence[StepSummary]) -> float | None:
     """Of the first form step; of several groups, the slowest."""
     rest, found = iter(steps), list[float | None]()
     for group in run.groups:
-        own = list(itertools.islice(rest, len(group.plan.steps) + 1))
-        found += [own[k].time_to_form_s for k in group.form_steps[:1]]
+        own = list(itertools.islice(rest, len(group.plan.told_steps)))
+        if not group.plan.before:
+            found += [own[k].time_to_form_s for k in group.form_steps[:1]]
     known = [each for each in found if each is not None]
     return max(known) if known and len(known) == len(found) else None
 
@@ -254,12 +253,13 @@ def _verdict(found: StepResult | None) -> StepVerdict:
 
 
 def _time_to_form(run: RunFolder, group: FlownGroup, k: int, start_s: float | None) -> float | None:
-    step = group.plan.steps[k - 1].new_shape if k else None
+    flown = group.plan.step(k)
+    step = flown.new_shape if flown is not None else None
     if step is None or start_s is None or run.flight is None or run.plan is None:
         return None
     flight = run.flight.of(group.columns)
     later = [j for j in group.form_steps if j > k]
-    end_s = min([group.landing_s(), *(group.start_s(j) for j in later[:1])])
+    end_s = min([group.ends_s(), *(group.start_s(j) for j in later[:1])])
     slots_m = _in_metres(run.plan, step.slots)[group.slot_indices(flight.time_s)]
     error_m = metrics.formation_error(flight, slots_m)
     return metrics.time_to_settle(
@@ -291,9 +291,9 @@ def _flown_by(
     forms = [k for k in group.form_steps if k in group.begun]
     if run.flight is None or run.plan is None or not forms:
         return None, None
-    flight = run.flight.during(group.start_s(forms[0]), group.landing_s()).of(group.columns)
+    flight = run.flight.during(group.start_s(forms[0]), group.ends_s()).of(group.columns)
     # The newest shape, turned and scaled as planned.
-    formation = group.plan.formations(run.plan.unit_m)[group.begun[-1]]
+    formation = group.newest_formation(run.plan.unit_m)
     slots_m = _in_metres(run.plan, formation.offsets)
     error_m = metrics.formation_error(flight, slots_m[group.slot_indices(flight.time_s)])
     ids = group.plan.ids

@@ -48,11 +48,11 @@ def tracks(history: RunHistory) -> Figure | None:
 
 
 def _shape(history: RunHistory) -> list[tuple[int, int]]:
-    """Pairs of agents that are adjacent in the last shape that their group flew."""
+    """Pairs of agents that are adjacent in the last shape that their last group flew."""
     found = []
-    for group in history.run.groups:
-        formations = group.plan.formations(history.plan.unit_m)
-        formation, at = formations[max(group.begun, default=0)], group.columns
+    last = (group for group in history.run.groups if group.start_s(group.plan.last + 1) == np.inf)
+    for group in last:
+        formation, at = group.newest_formation(history.plan.unit_m), group.columns
         pairs = hull_order(np.array(formation.offsets).T) if formation.formed else []
         found += [(at[i], at[j]) for i, j in pairs]
     return found

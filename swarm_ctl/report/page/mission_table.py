@@ -16,6 +16,7 @@ from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import closest_pair
 from swarm_ctl.core.model.fleet import Fleet, SigningPolicy, VehicleKind
 from swarm_ctl.core.model.plan import AgentPlan, Plan, PlannedStep, Point
+from swarm_ctl.core.model.route import flight_s
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.text import agents_named, ranges
 from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S
@@ -109,22 +110,28 @@ def _metres(point: Point, unit_m: float) -> str:
 
 
 def _steps(plan: Plan, forecasts: Sequence[StepForecast]) -> Table:
-    table = _table("step", "what", "expected", "time-out", "then")
+    groups = ["group"] * (len(plan.groups) > 1)
+    table = _table("step", *groups, "what", "expected", "time-out", "then")
     for at, expected in zip(plan.all_steps(), forecasts, strict=True):
+        if at.waits_on:
+            continue
         timeout = f"{at.step.timeout_s:.0f} s"
         what = kind_of(at.step).words(at.step, plan)
+        group = [at.group.name] * len(groups)
         then = at.step.on_timeout.value
-        table.add_row(str(at.number), what, _expected(expected), timeout, then)
-    table.add_row("", "whole flight", f"{_total_s(plan, forecasts):.0f} s", "", "")
+        table.add_row(str(at.number), *group, what, _expected(expected), timeout, then)
+    whole = f"{_total_s(plan, forecasts):.0f} s"
+    table.add_row("", *[""] * len(groups), "whole flight", whole, "", "")
     return table
 
 
 def _total_s(plan: Plan, forecasts: Sequence[StepForecast]) -> float:
-    """Of the group that flies longest."""
-    found = dict.fromkeys((group.name for group in plan.groups), 0.0)
-    for at, expected in zip(plan.all_steps(), forecasts, strict=True):
-        found[at.group.name] += expected.expected_s or at.step.timeout_s
-    return max(found.values())
+    times = zip(plan.all_steps(), forecasts, strict=True)
+    return flight_s(plan, [_seconds(at, expected) for at, expected in times])
+
+
+def _seconds(at: PlannedStep, expected: StepForecast) -> float:
+    return at.step.timeout_s if expected.expected_s is None else expected.expected_s
 
 
 def _expected(expected: StepForecast) -> str:

@@ -108,9 +108,9 @@ class RunHistory:
         flight = self.flight
         found = np.full(flight.points_m.shape, np.nan)
         for group in self.run.groups:
-            for k, step in enumerate(group.plan.steps, start=1):
+            for k, step in zip(group.plan.numbers, group.plan.steps, strict=True):
                 if (form := step.new_shape) is not None:
-                    since, until = group.start_s(k), group.landing_s()
+                    since, until = group.start_s(k), group.ends_s()
                     at = (flight.time_s >= since) & (flight.time_s <= until)
                     slots = self._turned(np.array(form.slots) * self.plan.unit_m, flight.time_s[at])
                     indices = group.slot_indices(flight.time_s[at])[..., None]
@@ -156,10 +156,10 @@ class RunHistory:
         found, errors = np.full(flight.live.shape, np.nan), self.errors()
         for group in self.run.groups:
             centre = np.zeros(2)
-            for k, step in enumerate(group.plan.steps, start=1):
+            for k, step in zip(group.plan.numbers, group.plan.steps, strict=True):
                 if (form := step.new_shape) is not None:
                     centre = np.mean(form.slots, axis=0) * self.plan.unit_m
-                follows, until_s = step.follows, min(group.start_s(k + 1), group.landing_s())
+                follows, until_s = step.follows, min(group.start_s(k + 1), group.ends_s())
                 if follows is None or follows.target not in tracks:
                     continue
                 at = (flight.time_s >= group.start_s(k)) & (flight.time_s <= until_s)

@@ -38,7 +38,7 @@ def consequence(order: Order, plan: Plan, step: int, left: Collection[int] = ())
     agents = order.agents or tuple(agent.id for agent in plan.agents)
     does = BY_NAME[order.kind].asks[len(agents) > 1]
     if order.kind == CommandKind.NEXT:
-        after = [each for group in plan.groups for each in group.steps[step : step + 1]]
+        after = [each for group in plan.groups if (each := group.step(step + 1)) is not None]
         for kind in sorted({each.kind for each in after if each.goes_down}):
             does = f"step {step} ends, and step {step + 1} is '{kind}'"
     rest = others(order.kind, order.agents, plan, left)

@@ -70,7 +70,7 @@ def protection_line(picture: Picture) -> tuple[StyledLine, str]:
 
 def _step_names(view: SwarmView) -> list[str]:
     """Of the step that is flown, or that waits for an order to be flown; the longest first."""
-    step = f"step {view.step}/{len(view.group.steps)}"
+    step = f"step {view.step}/{view.plan.last_step}"
     aloft = [agent for agent in view.agents if agent.airborne and not agent.lost]
     ends = {_ENDS.get(agent.phase) for agent in aloft if agent.phase is not None}
     if len(ends) == 1 and (end := ends.pop()) and all(map(is_out, aloft)):

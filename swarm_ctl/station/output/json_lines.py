@@ -23,7 +23,7 @@ def json_line(view: SwarmView) -> str:
             "mission": view.plan.name,
             "plan_hash": f"{view.plan_hash:016x}",
             "step": view.step,
-            "steps": len(view.group.steps),
+            "steps": view.plan.last_step,
             "step_name": view.group.step_name(view.step),
             "level": level.name.lower(),
             "verdict": text,

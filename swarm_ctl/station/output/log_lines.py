@@ -52,7 +52,7 @@ def _protected(view: SwarmView) -> str:
 
 def _step(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
     if view.step > (previous.step if previous else 0):
-        yield f"step {view.step}/{len(view.group.steps)}: {view.group.step_name(view.step)}"
+        yield f"step {view.step}/{view.plan.last_step}: {view.group.step_name(view.step)}"
 
 
 def _phases(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
@@ -87,7 +87,7 @@ def _reasons(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
 def _events(previous: SwarmView | None, view: SwarmView) -> Iterator[tuple[float, str]]:
     fresh = view.event_count - (previous.event_count if previous else 0)
     # a new step is told by the states already, once for all
-    names = [name for group in view.plan.groups for name in enumerate(group.step_names)]
+    names = [(k, group.step_name(k)) for group in view.plan.groups for k in group.told_steps]
     steps = {f"step {k}: {name}" for k, name in names}
     new: tuple[Event, ...] = view.events[-fresh:] if fresh > 0 else ()
     if fresh > len(new):

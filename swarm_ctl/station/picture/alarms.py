@@ -270,7 +270,7 @@ def _overspeed(view: SwarmView, _: float) -> Found:
 
 
 def _long_link(view: SwarmView, r_m: float) -> Found:
-    step = view.group.steps[view.step - 1] if view.step else None
+    step = view.group.step(view.step)
     form = step.new_shape if step is not None else None
     if form is not None and form.neighbours is not None:
         return  # those that it chose come together only now

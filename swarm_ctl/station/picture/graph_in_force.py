@@ -15,7 +15,11 @@ def edges_in_force(
     """The pairs of neighbours in this step of a group, lower id first: the starts' graph, or the
     newest that a form step chose. That one is by slot, so it follows exchanged slots."""
     ids = group.ids
-    forms = [form for s in group.steps[:step] if (form := s.new_shape) is not None]
+    forms = [
+        form
+        for s in group.steps[: max(0, step - group.before)]
+        if (form := s.new_shape) is not None
+    ]
     chosen = [form.neighbours for form in forms if form.neighbours is not None]
     if not chosen:
         return edges({agent.id: agent.neighbours for agent in group.agents})

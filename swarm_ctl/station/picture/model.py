@@ -84,6 +84,11 @@ class _Heard:
         return self.sigma if now_s - self.sigma_received_s <= _SIGMA_S else None
 
     @property
+    def newest_step(self) -> int | None:
+        """The furthest that it told of."""
+        return max((told.step for told in (self.state, self.status) if told), default=None)
+
+    @property
     def in_formation(self) -> bool:
         """In its place or on its way there: off the ground by its vehicle's word too, and neither
         taking off nor going down, by the mission or without it."""
@@ -127,8 +132,8 @@ class _Moment:
 
     now_s: float
     lost: set[int]
-    steps: list[int]
-    """The furthest of each group's agents, in the plan's order of groups."""
+    groups: list[tuple[int, GroupPlan]]
+    """Those that an agent is in, each with the furthest step of its agents."""
     apart: _Apart
     formation: set[int]
     """The agents that fly in it and are heard."""
@@ -269,7 +274,7 @@ class Model:
     def view(self, now_s: float) -> SwarmView:
         """The swarm at `now_s`."""
         moment = self._moment(now_s)
-        step, group = max(zip(moment.steps, self._plan.groups, strict=True), key=lambda g: g[0])
+        step, group = max(moment.groups, key=lambda flown: flown[0])
         stations = self._stations | ({self._station: now_s} if self._station else {})
         return SwarmView(
             time_s=now_s,
@@ -335,7 +340,7 @@ class Model:
         return None
 
     def _followed(self, moment: _Moment) -> Iterator[FollowView]:
-        for group, follows in zip(self._plan.groups, moment.follows, strict=True):
+        for (_, group), follows in zip(moment.groups, moment.follows, strict=True):
             agents = tuple(sorted(moment.formation.intersection(group.ids)))
             if follows is not None and agents:
                 step, since_s = follows
@@ -353,7 +358,8 @@ class Model:
             order = given[-1].command.step if given else None
             follows = order.follows if order is not None else None
             return (follows, given[-1].received_s) if follows is not None else None
-        follows = group.steps[k - 1].follows if 0 < k <= len(group.steps) else None
+        planned = group.step(k)
+        follows = planned.follows if planned is not None else None
         statuses = [self._heard[agent].status for agent in group.ids]
         told = [status.steps for status in statuses if status is not None and status.step == k]
         since_s = min((steps[-1].start_s for steps in told if steps), default=now_s)
@@ -362,11 +368,11 @@ class Model:
     def _moment(self, now_s: float) -> _Moment:
         after_s = self._plan.policies.agent_lost_after_s
         lost = {agent_id for agent_id, heard in self._heard.items() if heard.lost(now_s, after_s)}
-        steps = [self._step(group) for group in self._plan.groups]
+        groups = self._flown()
         formation = {i for i, heard in self._heard.items() if heard.in_formation} - lost
         away_m, targets_m, centres = dict[int, float](), dict[int, Point](), list[Point | None]()
         follows = list[tuple[FollowStep, float] | None]()
-        for group, step in zip(self._plan.groups, steps, strict=True):
+        for step, group in groups:
             away, targets, centre = self._errors(group, step, formation)
             away_m |= away
             targets_m |= targets
@@ -375,7 +381,7 @@ class Model:
         return _Moment(
             now_s,
             lost,
-            steps,
+            groups,
             apart=self._apart(),
             formation=formation,
             away_m=away_m,
@@ -384,15 +390,22 @@ class Model:
             follows=follows,
         )
 
-    def _step(self, group: GroupPlan) -> int:
-        heard = [self._heard[agent] for agent in group.ids]
-        return max((t.step for h in heard for t in (h.state, h.status) if t), default=0)
+    def _flown(self) -> list[tuple[int, GroupPlan]]:
+        """The groups that an agent is in now, each with the furthest step of its agents; where
+        nothing was heard yet, those that begin."""
+        found = list[tuple[int, GroupPlan]]()
+        for group in self._plan.groups:
+            heard = [self._heard[agent].newest_step for agent in group.ids]
+            steps = [step for step in heard if step is not None and step in group.told_steps]
+            if steps or (not group.before and all(step is None for step in heard)):
+                found.append((max(steps, default=0), group))
+        return found or [(0, group) for group in self._plan.groups if not group.before]
 
     def _edges(self, moment: _Moment) -> tuple[EdgeView, ...]:
         states = {i: heard.state for i, heard in self._heard.items() if heard.state}
         return tuple(
             EdgeView(a, b, moment.apart.of(a, b) if {a, b} <= moment.formation else None)
-            for group, step in zip(self._plan.groups, moment.steps, strict=True)
+            for step, group in moment.groups
             for a, b in edges_in_force(group, step, states)
         )
 
@@ -449,8 +462,8 @@ class Model:
         mission's; None: none yet."""
         forms = [
             (k, form.slots)
-            for k, s in enumerate(group.steps[:step], start=1)
-            if (form := s.new_shape) is not None
+            for k, s in zip(group.numbers, group.steps, strict=True)
+            if k <= step and (form := s.new_shape) is not None
         ]
         for answered in self._commands.values():
             order = answered.command.step

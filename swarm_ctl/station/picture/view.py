@@ -244,8 +244,12 @@ class SwarmView:
 
     def step_name(self, agent: AgentView) -> str:
         """Of the step that this agent is in; '' where it was never heard."""
-        group = self.plan.group_of(agent.id) if agent.in_plan else self.group
-        return group.step_name(agent.newest.step) if agent.newest else ""
+        if agent.newest is None:
+            return ""
+        if not agent.in_plan:
+            return self.group.step_name(agent.newest.step)
+        step = agent.newest.step
+        return self.plan.group_of(agent.id, step).step_name(step)
 
     @property
     def protected(self) -> list[tuple[str, bool]]:

@@ -68,7 +68,7 @@ def test_a_plan_file_is_enough_to_order_each_shape_of_its_mission(mission: Path)
     assert complete("form ", plan) == [f"form {name}" for name in names]
     agents = tuple(AgentNow(agent.id, agent.start) for agent in plan.agents)
     swarm = SwarmNow(replace(plan, fence=None), 40.0, 3, agents)
-    for shape in plan.shapes:
+    for shape in (each for each in plan.shapes if len(each.slots) == len(agents)):
         step = build(Order("form", (shape.name,)), swarm).step
         assert isinstance(step, FormStep)
         assert sorted(step.slots) == sorted(shape.slots)

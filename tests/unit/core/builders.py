@@ -35,6 +35,7 @@ from swarm_ctl.core.model.plan import (
     Response,
     Safety,
 )
+from swarm_ctl.core.model.route import Routes
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.hold import HoldStep
 from swarm_ctl.core.model.steps.land import LandStep
@@ -208,7 +209,7 @@ def progress(
     of: Plan, step: int = HOLD, *, done: bool = False, started_s: float = NOW - 10.0
 ) -> Progress:
     """An agent in this step."""
-    made = Progress(of.groups[0], of.prepare_timeout_s, started_s)
+    made = Progress(Routes(of).of[OWN], of.prepare_timeout_s, started_s)
     if step:
         made.rejoin(step, started_s)
     if done:

@@ -21,7 +21,7 @@ REFUSALS = {
     "unknown inner field": ("  r_in: 0.5", "  rin: 0.5", 9, "law.rin", "did you mean r_in?", "r_in"),
     "unknown far field": ("  agent_lost: land", "  colour: red", 30, "policies.colour", "unknown field", "agent_lost"),
     "unknown step": ("- land\n", "- loiter: {}\n", 28, "step 5", 'unknown step "loiter"; did you mean hold?', "takeoff"),
-    "unknown word step": ("- land\n", "- loiter\n", 28, "step 5", 'unknown step "loiter"; did you mean hold?', "takeoff, form, hold, move, follow, rotate, scale, return, land"),
+    "unknown word step": ("- land\n", "- loiter\n", 28, "step 5", 'unknown step "loiter"; did you mean hold?', "takeoff, form, hold, move, follow, rotate, scale, barrier, return, land, split"),
     "unknown kind": ("kind: ring", "kind: rind", 16, "shapes.ring.kind", '"rind"', "ring"),
     "kind by another word": ("kind: ring", "kind: hexagon", 16, "shapes.ring.kind", "did you mean ring?", "ring"),
     "field by another word": ("height_m: 10", "altitude: 10", 24, "step 1, takeoff.altitude", "did you mean height_m?", "height_m"),

@@ -210,7 +210,7 @@ def test_a_study_exchanges_what_agents_exchange(seed: int) -> None:
     flown = Flown(batch)
     plan = replace(HEXAGON, unit_m=1.0, law=batch.cell.law)
     told = {(k, i): _Told(IDS[i]) for i in range(N) for k in range(MISSIONS)}
-    agents = {(k, i): SlotExchange(plan, IDS[i], told[k, i]) for k, i in told}  # type: ignore[arg-type]
+    agents = {(k, i): SlotExchange(plan, plan.groups[0], IDS[i], told[k, i]) for k, i in told}  # type: ignore[arg-type]
     links = [
         {IDS[i]: tuple(IDS[j] for j in np.flatnonzero(batch.links[i, :, k])) for i in range(N)}
         for k in range(MISSIONS)

@@ -86,6 +86,16 @@ class Step(ABC):
         return None
 
     @property
+    def joins(self) -> bool:
+        """It is where groups become one."""
+        return False
+
+    @property
+    def barrier(self) -> str:
+        """Its name, where groups wait for each other in it; '': only its own agents do."""
+        return ""
+
+    @property
     def frame_mps(self) -> float:
         """The most that the formation's frame moves in it."""
         return 0.0

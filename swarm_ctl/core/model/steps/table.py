@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TypeAlias
 
+from swarm_ctl.core.model.steps.barrier import BarrierStep
 from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.hold import HoldStep
@@ -22,6 +23,7 @@ AnyStep: TypeAlias = (
     | FollowStep
     | RotateStep
     | ScaleStep
+    | BarrierStep
     | ReturnStep
     | LandStep
 )

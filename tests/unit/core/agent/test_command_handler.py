@@ -28,6 +28,7 @@ from swarm_ctl.core.swarm.gain_update import ASKS
 from tests.unit.core.builders import (
     FORM,
     FORMING,
+    GROUP,
     HOLD,
     LAST,
     MOVING,
@@ -72,7 +73,16 @@ def situation(
 ) -> AgentSituation:
     airborne = phase not in (Phase.CONNECT, Phase.PREPARE, Phase.ENDED)
     return AgentSituation(
-        of, of.groups[0].ids, OWN, phase, airborne, progress(of, step), formed, override, snapshot()
+        plan=of,
+        group=GROUP,
+        members=of.groups[0].ids,
+        agent=OWN,
+        phase=phase,
+        airborne=airborne,
+        progress=progress(of, step),
+        formed=formed,
+        override=override,
+        peers=snapshot(),
     )
 
 
@@ -179,7 +189,7 @@ REFUSALS: list[tuple[str, Command, AgentSituation, str]] = [
     ("return on the ground", command("return"), situation(Phase.PREPARE), "is not in the air"),
     ("kill after the end", command("kill"), situation(Phase.ENDED), "agent 1 has ended"),
     ("no shape", command("form", step=None), situation(), "the command has no shape"),
-    ("some form", command("form", agents=(1, 2)), situation(), "for the whole swarm"),
+    ("some form", command("form", agents=(1, 2)), situation(), "for a whole group"),
     ("two slots", form(*SLOTS[:2]), situation(), "row has 2 slots for 3 agents"),
     ("a slot is NaN", form(*SLOTS[:2], (NAN, 0.0)), situation(), "its slots is nan"),
     ("slots too near", form(*SLOTS[:2], (0.0, 8.0)), situation(), "3 units apart; allowed: more"),

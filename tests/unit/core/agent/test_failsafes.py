@@ -22,6 +22,7 @@ from swarm_ctl.core.agent.failsafes import (
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import CommandKind, Outcome, Phase, ReturnStage, StepOutcome
 from swarm_ctl.core.model.plan import Fence, Plan, Policies, Policy
+from swarm_ctl.core.model.route import Routes
 from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.steps.return_ import ReturnStep
 from swarm_ctl.core.model.vehicle import GlobalFix
@@ -55,8 +56,9 @@ def situation(
 ) -> Situation:
     """All is well in the hold step, but for `changes`: of the tick (`seen`) and the situation."""
     of = of or plan()
+    heard = tick(*peers, **changes.pop("seen", {}))
     made = Situation(
-        tick(*peers, **changes.pop("seen", {})),
+        heard,
         of,
         progress(of, step, done=done),
         had_control=True,
@@ -70,6 +72,9 @@ def situation(
         flown=True,
         departed={},
         accepted=frozenset(),
+        routes=Routes(of),
+        awaited=heard.members,
+        waits_until=dict.fromkeys(of.groups[0].ids, step),
         fell=False,
         sunk_s=0.0,
     )

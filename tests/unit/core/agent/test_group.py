@@ -4,6 +4,7 @@ error."""
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -45,7 +46,8 @@ def group(of: Plan | None = None) -> Group:
 
 
 def compared(peers: PeerSnapshot, of: Plan | None = None) -> list[tuple[int, bool]]:
-    return group(of).told(peers, airborne=True)
+    heard = replace(tick(), peers=peers)
+    return list(group(of).told(heard, airborne=True).values())
 
 
 # --- members ---

@@ -10,7 +10,7 @@ from swarm_ctl.core.law import graph
 from swarm_ctl.core.model.messages import Severity
 from swarm_ctl.core.model.plan import AgentPlan, Plan
 from swarm_ctl.core.swarm.neighbourhood import Neighbourhood
-from tests.unit.core.builders import peer, plan, snapshot
+from tests.unit.core.builders import NOW, peer, plan, snapshot
 from tests.unit.plans import with_group
 
 FIVE = (1, 2, 3, 4, 5)
@@ -94,9 +94,9 @@ def test_a_silent_neighbour_is_reported(agent: int, silent: set[int], said: str)
     """Once, with what it does to the graph; and when it is heard again."""
     own = of(agent)
     others = [i for i in FIVE if i != agent]
-    all_heard = snapshot(*(peer(i) for i in others))
-    some = snapshot(*(peer(i, 2.0 if i in silent else 0.1) for i in others))
-    assert own.watch(all_heard) == []
+    all_heard = snapshot(*(peer(i) for i in others), now=NOW + 2.0)
+    some = snapshot(*(peer(i, 2.0 if i in silent else 0.1) for i in others), now=NOW + 2.0)
+    assert own.watch(snapshot(*(peer(i) for i in others))) == []
     assert own.watch(some) == ([(Severity.WARNING, said)] if said else [])
     assert own.watch(some) == []
     back = [(Severity.INFO, f"neighbour {i} is heard again") for i in sorted(silent)]

@@ -39,7 +39,7 @@ class Swarm:
     def __post_init__(self) -> None:
         self.random = np.random.default_rng(self.seed)
         self.peers = {i: Peers(PLAN, i) for i in IDS}
-        self.dealers = {i: SlotExchange(PLAN, i, self.peers[i]) for i in IDS}
+        self.dealers = {i: SlotExchange(PLAN, PLAN.groups[0], i, self.peers[i]) for i in IDS}
         for dealer in self.dealers.values():
             dealer.begin(self.slots)
         self.way: list[tuple[int, int, AgentState]] = []
@@ -154,7 +154,7 @@ def test_a_round_that_is_left_out_would_have_changed_nothing(
 ) -> None:
     """Steps in which offers may be made, and steps in which exchanges only end, in turns."""
     resting, restless = Swarm(slots, row(), seed, loss, 3), Swarm(slots, row(), seed, loss, 3)
-    restless.dealers = {i: Restless(PLAN, i, restless.peers[i]) for i in IDS}
+    restless.dealers = {i: Restless(PLAN, PLAN.groups[0], i, restless.peers[i]) for i in IDS}
     for dealer in restless.dealers.values():
         dealer.begin(slots)
     for turn, span_s in enumerate(spans_s):
@@ -194,7 +194,7 @@ def test_a_restarted_agent_takes_the_role_that_is_free() -> None:
     """It knows nothing of the exchanges it took part in; the others' roles tell."""
     swarm = Swarm(SWAPPED, row())
     swarm.run(20)
-    fresh = SlotExchange(PLAN, IDS[1], swarm.peers[IDS[1]])
+    fresh = SlotExchange(PLAN, PLAN.groups[0], IDS[1], swarm.peers[IDS[1]])
     fresh.rejoin(100.0)
     assert fresh.exchange.role == 2
     assert fresh.exchange.version > swarm.dealers[IDS[1]].exchange.version

@@ -204,6 +204,7 @@ CHANGES = {
     "{shape: ring": "{on_timeout: hold, shape: ring",
     "  - form: {shape: ring": "  - form: {neighbours: [[1, 2], [1, 3]], shape: ring",
     "hold: {": "hold: {on_timeout: continue, ",
+    "  - hold:": "  - split: {pair: [hold: {duration_s: 3}]}\n  - form: {shape: ring}\n  - hold:",
     "    kind: offsets": "    up_m: [0, 0, 8]\n    kind: offsets",
     "fleet:": "neighbours: [[1, 2], [1, 3]]\nfleet:",
     "fleet:\n": "fence: {height_m: 100}\nfleet:\n",
@@ -226,6 +227,7 @@ CHANGES = {
 
 def changed(old: str, new: str) -> str:
     text = edited((old, new))
+    text = text.replace("steps:", "groups: {pair: [1, 2]}\nsteps:") if "split" in new else text
     return text.replace("{id: 1, sysid: 1", "{id: 4, sysid: 1") if "id: 4" in new else text
 
 
@@ -465,7 +467,7 @@ def test_many_stretched_links_are_one_warning_with_what_is_enough() -> None:
 
 def test_the_examples_in_the_missions_page_are_right(tmp_path: Path) -> None:
     page = (MISSIONS.parent / "docs" / "pages" / "missions.md").read_text()
-    mission, lanes, fence, zones, boat, faults, fleet, routers = re.findall(
+    mission, lanes, fence, zones, boat, split, faults, fleet, routers = re.findall(
         r"```yaml\n(.*?)```", page, re.DOTALL
     )
     sweep = (MISSIONS / "sweep.yaml").read_text()
@@ -473,6 +475,13 @@ def test_the_examples_in_the_missions_page_are_right(tmp_path: Path) -> None:
     assert [zone.name for zone in loads(mission + zones).plan.zones] == ["oak", "house"]
     (group,) = loads(mission.partition("steps:")[0] + boat).plan.groups
     assert [step.follows.offset_m for step in group.steps if step.follows] == [(-20.0, 0.0)]
+    groups = (MISSIONS / "groups.yaml").read_text()
+    plan = loads(
+        groups.partition("groups:")[0]
+        + split
+        + groups[groups.index("shapes:") :].partition("steps:")[0]
+    ).plan
+    assert [group.name for group in plan.groups] == ["all", "scouts", "sweepers", "rest", "all"]
     assert len(loads(mission + faults).file.simulation.faults) == 3
     loaded = loads(mission + "fleet:\n" + textwrap.indent(fleet, "  "))
     assert loaded.plan == loads(mission).plan

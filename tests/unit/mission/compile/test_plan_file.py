@@ -158,7 +158,7 @@ def test_what_is_wrong_is_told_with_what_would_be_allowed(
         ((), "plan: no agents in a group; allowed: groups of one and more"),
         ((replace(PLAN.groups[0], agents=()),), "plan: no agents in a group; allowed: groups of"),
         ((PLAN.groups[0], replace(PLAN.groups[0], name="b")), "plan: agent id 1, 2, 3, 4, 5, 6 mo"),
-        ((PLAN.groups[0], replace(PLAN.groups[0], agents=())), "plan: group all more than once"),
+        ((PLAN.groups[0], replace(PLAN.groups[0], agents=())), "plan: group all after step 0 m"),
     ],
 )
 def test_each_agent_is_in_one_group(groups: tuple[GroupPlan, ...], told: str) -> None:
