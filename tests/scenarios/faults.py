@@ -28,7 +28,8 @@ version: 1
 name: swap
 origin: {{lat_deg: -35.36, lon_deg: 149.16, alt_m: 584}}
 unit_m: 1
-law: {{r: 30, r_out: 7, r_in: 2.5}}
+law: {{r: 30, r_out: 7, r_in: 2.5, kappa: {rate_hz}}}
+tick_s: {tick_s}
 agents:
   - {{id: 1, start: [0, 0]}}
   - {{id: 2, start: [0, 14]}}
@@ -48,10 +49,10 @@ FORM = 2
 
 
 @functools.cache
-def mission(policy: str = "land", form_s: int = 60) -> LoadedMission:
+def mission(policy: str = "land", form_s: int = 60, rate_hz: int = 20) -> LoadedMission:
     """Four on a square all change to the opposite corner, through each other's midst; then they fly
     a bit."""
-    return loads(TEXT.format(policy=policy, form_s=form_s))
+    return loads(TEXT.format(policy=policy, form_s=form_s, rate_hz=rate_hz, tick_s=1.0 / rate_hz))
 
 
 class Faulty:
@@ -61,9 +62,8 @@ class Faulty:
         self.row = row
         self.transports: dict[int, ImpairedTransport] = {}
         self._seed = seed
-        self.swarm = landing_fast(
-            VirtualSwarm(mission(row.policy, row.form_s), seed, mesh=self._wrap, clocks=row.clocks)
-        )
+        flown = mission(row.policy, row.form_s, row.rate_hz)
+        self.swarm = landing_fast(VirtualSwarm(flown, seed, mesh=self._wrap, clocks=row.clocks))
         for vehicle in self.swarm.hub.world.vehicles:
             for name, value in row.vehicles.items():
                 vehicle.firmware.parameters.set(name, value)
@@ -118,9 +118,9 @@ class Faulty:
 
 
 @flown_once
-def _formed(policy: str, seed: int) -> Faulty:
+def _formed(policy: str, rate_hz: int, seed: int) -> Faulty:
     """What all rows share that begin well."""
-    faulty = Faulty(Row("", (), policy=policy), seed)
+    faulty = Faulty(Row("", (), policy=policy, rate_hz=rate_hz), seed)
     faulty.form()
     return faulty
 
@@ -128,7 +128,7 @@ def _formed(policy: str, seed: int) -> Faulty:
 def flown(row: Row, seed: int) -> Faulty:
     """The row's whole flight."""
     if row.mesh == Impairment() and not row.clocks and not row.vehicles:
-        faulty = _formed(row.policy, seed)
+        faulty = _formed(row.policy, row.rate_hz, seed)
         faulty.row = row
     else:
         faulty = Faulty(row, seed)
@@ -281,6 +281,8 @@ class Row:
     form_s: int = 60
     """What the form step may take."""
     within_s: float = 240.0
+    rate_hz: int = 20
+    """Of ticks, and of the law."""
     falls: bool = False
     """Out of the sky: no agent steers that, so where it comes down in gusts, 4 m under the others,
     proves nothing."""

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
-from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import EntryKind
-from tests.scenarios.swarm import VirtualSwarm, flown_once
+from tests.scenarios.swarm import VirtualSwarm, flown_once, low_hexagon
 from tests.scenarios.test_pilot import PILOTED, holding, switch
 from tests.scenarios.watched import Watch
 
-MISSIONS = Path(__file__).parents[2] / "missions"
 FORM, SHOWN_S = 2, 0.75
 """A status comes twice a second, and a look four times."""
 
@@ -21,7 +17,7 @@ FORM, SHOWN_S = 2, 0.75
 @flown_once
 def flying() -> Watch:
     """In the form step, all well."""
-    watch = Watch(VirtualSwarm(load(MISSIONS / "hexagon.yaml")))
+    watch = Watch(VirtualSwarm(low_hexagon()))
     watch.wait(lambda swarm: swarm.in_step(FORM))
     watch.run(1)
     assert watch.banners[-1][1:] == (Level.WELL, "all well")
@@ -56,7 +52,7 @@ def test_an_order_to_one_agent_stands_after_its_end(kind: str, words: str, level
 @pytest.mark.parametrize("preparing", [False, True])
 def test_a_landing_of_all_is_one_line_and_the_newest_reason(*, preparing: bool) -> None:
     """As Ctrl-C orders it: in flight, and while the agents wait for their vehicles."""
-    watch = Watch(VirtualSwarm(load(MISSIONS / "hexagon.yaml"))) if preparing else flying()
+    watch = Watch(VirtualSwarm(low_hexagon())) if preparing else flying()
     watch.run(2)
     ordered_s = watch.swarm.now
     watch.swarm.command("land")
