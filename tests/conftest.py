@@ -37,6 +37,8 @@ REALTIME = {"system": RUNS, "hosts": RUNS, "autopilots": RUNS, "protocol": LINKS
 """The group of each folder."""
 TERMINALS = ("test_dashboard", "test_keys", "test_measure", "test_zenoh_links")
 """Of the folder `system`, but beside the whole runs."""
+LONG_ONES = ("test_several_swarms", "test_send", "test_plugin", "test_python")
+"""In lockstep for more than 15 s."""
 _GIVE_WAY = 5
 """As `nice` counts: a third of the weight."""
 
@@ -70,9 +72,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def _turn(item: pytest.Item) -> int:
-    """Tests in real time come first, by group; flights in lockstep last."""
+    """Tests in real time come first, by group; flights in lockstep last, and of these the long ones
+    first: none is left to one worker at the end."""
     group = item.get_closest_marker("xdist_group")
-    return 2 if group is None else {RUNS: 0, LINKS: 1}.get(group.args[0], 3)
+    if group is None:
+        return 2
+    return {RUNS: 0, LINKS: 1}.get(group.args[0], 3 if item.path.stem in LONG_ONES else 4)
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -13,7 +13,6 @@ from swarm_ctl.virtual.scenario import load_scenario
 from swarm_ctl.virtual.scenario_flight import FlownScenario, fly_scenario
 from tests.on_demand import on_demand
 
-pytestmark = pytest.mark.xdist_group("found")
 FOUND = sorted(Path(__file__).with_name("found").glob("*.yaml"))
 
 
