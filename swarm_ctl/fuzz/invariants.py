@@ -811,12 +811,18 @@ def _forecast(seen: Seen) -> Iterator[str]:
     expected = forecast(seen.plan, autopilots)
     if any(step.expected_s is None for step in expected):
         return  # `validate` says that it does not get there
-    if summary.outcome is not Outcome.COMPLETED:
+    # the judge takes an agent's times for the truth's, so what it finds of other clocks is not held
+    # against the flight
+    words = [said[-1].outcome for said in seen.statuses.values() if said]
+    completed = words.count(Outcome.COMPLETED) == len(seen.ids) if seen.elsewhen else False
+    if summary.outcome is not Outcome.COMPLETED and not completed:
         yield f"{summary.outcome}: {summary.reason}"
+        return
+    if not seen.timely:
         return
     for k, step in enumerate(expected, 1):
         found = summary.steps[k]
-        if seen.elsewhen or found.start_s is None or found.end_s is None or step.expected_s is None:
+        if found.start_s is None or found.end_s is None or step.expected_s is None:
             continue
         took_s, most_s = found.end_s - found.start_s, _FAIR * step.expected_s + _FAIR_S
         if took_s > most_s:

@@ -198,12 +198,16 @@ class Seen:
         scenario, fleet = self.flown.scenario, self.flown.mission.fleet.agents
         return (
             not (self.happens or self.parameters or self.faults)
-            and not envelope.outside(self.plan)
             and not scenario.mesh.model_dump(exclude_defaults=True)
             and all(entry.simulated_response is None for entry in fleet)
             and self.enveloped
             and self.apart_at_start >= self.r_in_m + FREE_M
         )
+
+    @cached_property
+    def timely(self) -> bool:
+        """Its times can be held against the forecast: ticks as the envelope has them, one clock."""
+        return not envelope.outside(self.plan) and not self.elsewhen
 
     def orders(self, agent: int, *kinds: CommandKind) -> list[GivenOrder]:
         """Those that this agent accepted; all kinds if none is named."""
