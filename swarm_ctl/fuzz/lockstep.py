@@ -27,7 +27,7 @@ _PATIENCE_WALL_S: Final = 120.0
 
 def unlike_as_processes(scenario: Scenario, mission: LoadedMission) -> str:
     """What became otherwise, or ''. '' also where something in the scenario can't happen to
-    processes."""
+    processes, and where a flight reaches its bound, which processes do not have."""
     try:
         run_script(scenario, mission.plan)
     except InputError:
@@ -36,7 +36,9 @@ def unlike_as_processes(scenario: Scenario, mission: LoadedMission) -> str:
         folder = Path(temporary)
         path = folder / "scenario.yaml"
         path.write_text(scenario_text(scenario), encoding="utf-8")
-        fly_scenario(scenario, mission, folder / "virtual")
+        virtual = fly_scenario(scenario, mission, folder / "virtual")
+        if virtual.up:
+            return ""
         said = _run(path)
         if said is None:
             return f"processes had not ended after {_ENDS_WALL_S:g} s"
