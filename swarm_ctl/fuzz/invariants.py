@@ -813,8 +813,8 @@ def _forecast(seen: Seen) -> Iterator[str]:
         return  # `validate` says that it does not get there
     # the judge takes an agent's times for the truth's, so what it finds of other clocks is not held
     # against the flight
-    words = [said[-1].outcome for said in seen.statuses.values() if said]
-    completed = words.count(Outcome.COMPLETED) == len(seen.ids) if seen.elsewhen else False
+    own = [said[-1].outcome for said in seen.statuses.values() if said]
+    completed = bool(seen.elsewhen) and own.count(Outcome.COMPLETED) == len(seen.ids)
     if summary.outcome is not Outcome.COMPLETED and not completed:
         yield f"{summary.outcome}: {summary.reason}"
         return
