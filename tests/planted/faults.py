@@ -30,9 +30,9 @@ FAULTS: Final = (
     Fault(
         "barrier-begun",
         "goes on when the others have begun the step, not when they are done",
-        f"{_AGENT}/progress.py",
-        "any(member < (self.step, True) for",
-        "any(member < (self.step, False) for",
+        "swarm_ctl/core/model/route.py",
+        "all(progress >= (waits[other], True) for",
+        "all(progress >= (waits[other], False) for",
     ),
     Fault(
         "barrier-pause",
