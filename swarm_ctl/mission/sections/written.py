@@ -26,12 +26,12 @@ class Written(Section, Generic[T]):
 
     model_config = ConfigDict(use_attribute_docstrings=False)  # `_docstrings` finds them
     plan_type: ClassVar[type[Any]]
+    plan_hints: ClassVar[dict[str, Any]]
 
     def planned(self, **derived: Any) -> T:
         """As the plan has it; `derived` has all that the plan derives, each kept within bounds."""
-        hints = get_type_hints(self.plan_type, include_extras=True)
         values = {
-            name: _within(hints[name], derived[name]) if value is None else value
+            name: _within(self.plan_hints[name], derived[name]) if value is None else value
             for name, value in self
         }
         planned: T = self.plan_type(**values)
@@ -43,6 +43,7 @@ class Written(Section, Generic[T]):
             """The section, made from the plan's type."""
             made = create_model(plan_type.__name__, __base__=cls, **_fields(plan_type))
             made.plan_type = plan_type
+            made.plan_hints = get_type_hints(plan_type, include_extras=True)
             return made
 
 
