@@ -12,9 +12,12 @@ from swarm_ctl.core.kernel.heights import in_wake, wake_mps
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.fleet import SigningPolicy, VehicleKind
-from swarm_ctl.core.model.plan import Compensation, Plan, Point, Policy
+from swarm_ctl.core.model.plan import Compensation, Plan, PlannedStep, Point, Policy
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.route import flight_s
+from swarm_ctl.core.model.steps.follow import FollowStep
+from swarm_ctl.core.model.targets import TargetPlan
+from swarm_ctl.core.safety.fence import inside
 from swarm_ctl.core.swarm.radio import LEAST_HZ, budget
 from swarm_ctl.law_loader import own_law
 from swarm_ctl.mission.checks import envelope
@@ -41,6 +44,8 @@ _LONG_FLIGHT_S: Final = 900.0
 _FAR_M: Final = 500.0
 _SLOW_MPS: Final = 0.3
 _LOW_M: Final = 2.0
+_LOOKS: Final = 500
+"""At a target that is played, at most."""
 _MOST_RESERVE: Final = 50.0
 _PLAIN_RATE = 0.05
 """kappa * h of the plain law that left no pair of a laggy swarm under r_in in trials; four times as
@@ -209,6 +214,47 @@ def _limits_at_once(_mission: MissionFile, plan: Plan) -> Findings:
         yield Mistake(("policies", "battery_reserve_percent"), what, "")
 
 
+def _played_targets(_mission: MissionFile, plan: Plan) -> Findings:
+    """Those that the formation can't keep up with, or may not follow."""
+    played = {target.name: target for target in plan.targets if target.way_m}
+    for at in plan.all_steps():
+        step = at.step.follows
+        target = played.get(step.target) if step is not None else None
+        if step is None or target is None:
+            continue
+        if target.speed_mps > step.speed_mps:
+            what = (
+                f"{target.name} is played at {target.speed_mps:g} m/s, and the formation flies at"
+                f" most {step.speed_mps:g} m/s: it falls behind"
+            )
+            yield Mistake((*place_of(at), "target"), what, "")
+        if what := _outside_with(target, step, at):
+            yield Mistake((*place_of(at), "target"), f"{what}: the formation waits inside", "")
+
+
+def _outside_with(target: TargetPlan, step: FollowStep, at: PlannedStep) -> str:
+    """How a played target, or a place about it, leaves the fence first; ''."""
+    polygon = at.plan.fence.polygon_m if at.plan.fence is not None else ()
+    every_s, offset, course = max(0.5, step.duration_s / _LOOKS), complex(*step.offset_m), 1 + 0j
+    for k in range(math.ceil(step.duration_s / every_s) if polygon else 0):
+        place, (north_mps, east_mps) = target.played(k * every_s)
+        if step.until_m is not None and math.dist(place, step.until_m) <= step.until_within_m:
+            return ""
+        if speed := math.hypot(north_mps, east_mps):
+            course = complex(north_mps, east_mps) / speed
+        when, spot = (
+            f"leaves the fence after {k * every_s:.0f} s",
+            f"({place[0]:.0f}, {place[1]:.0f}) m",
+        )
+        if not inside(polygon, place):
+            return f"{target.name} {when}, at {spot}"
+        centre = complex(*place) + offset * (course if step.in_course else 1.0)
+        around = at.before.places_m((centre.real, centre.imag))
+        if not all(inside(polygon, each) for each in around):
+            return f"a place of the formation {when}, with {target.name} at {spot}"
+    return ""
+
+
 def _doubtful_steps(mission: MissionFile, _plan: Plan) -> Findings:
     for _, place, entry in written_steps(mission):
         yield from KINDS[entry.kind].doubtful(entry.body, (*place, entry.kind))
@@ -375,5 +421,6 @@ _WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (
     _loose_tolerance,
     _wakes,
     _limits_at_once,
+    _played_targets,
     _doubtful_steps,
 )
