@@ -100,6 +100,8 @@ class Group:
         self._in_file = InFile(plan, own_id)
         self._detour = Detour(plan)
         self._formations = group.formations(plan.unit_m)
+        self._planned_m = (self._formations[0].centre_m,) * 2
+        """Where the step that is flown was planned to begin, and its first corner."""
 
     # --- from step to step ---
 
@@ -303,6 +305,7 @@ class Group:
         before = stands[min(max(self.progress.step - 1 - self._first, 0), len(stands) - 1)]
         if override and self._set_out is not None:
             before = replace(before, centre_m=self._set_out)
+        self._planned_m = before.centre_m, (step.way_m or (before.centre_m,))[0]
         flown, frame = self._detour.flown(step, before, zones, reference.frame, law_tag)
         if frame is not reference.frame:
             reference.join(frame)
@@ -357,7 +360,7 @@ class Group:
         if frame is None or not self.reference.slots:
             return None
         about = frame.point_m, self.reference.slots, own_m, tick.members, self.departed
-        return self._in_file.place(step, *about)
+        return self._in_file.place(step, self._planned_m, *about)
 
     def forget_shape(self) -> None:
         """Another shape is flown from now on: what was measured is the one before."""

@@ -1,9 +1,10 @@
-"""The way of a formation that flies together, planned again when zones change in flight.
+"""The way of a formation, planned again when zones change in flight.
 
 A mission's way is planned before the flight. From when other zones are in force, each agent works
 out the same way anew, from the planned start of the step on, so that all count its corners alike;
-and the frame goes on from where it is, to the first corner that is still before it. A formation for
-which no way is wide enough keeps its old one, and each agent goes round by itself (`own_way.py`).
+and the frame goes on from where it is, to the first corner that is still before it. One that flies
+together, and for which no way is wide enough, keeps its old one, and each agent goes round by
+itself (`own_way.py`). One in file goes on in file.
 """
 
 from __future__ import annotations
@@ -65,21 +66,26 @@ class Detour:
         known = self._flown.get(id(step))
         if known is not None and known[1] is zones:
             return known[2], frame
-        if known is None and (zones is self._plan.zones or not step.way_m or step.file is not None):
+        if known is None and (zones is self._plan.zones or not step.way_m):
             return step, frame
         flown, was = self._among(step, before, zones), step if known is None else known[2]
         self._flown[id(step)] = step, zones, flown
         if frame is not None and flown is not was and not counted:
             among = AmongZones.of(replace(self._plan, zones=zones), before.span_m)
-            leg, free = _leg(frame, was.way_m, flown.way_m, before, among)
+            # in file the frame goes ahead by itself
+            goes = before if step.file is None else replace(before, slots=((0.0, 0.0),))
+            leg, free = _leg(frame, was.way_m, flown.way_m, goes, among)
             frame = replace(frame, leg=leg, rate=0.0)
-            self._hemmed = None if free else (flown, leg)
+            self._hemmed = None if free or step.file is not None else (flown, leg)
         return flown, frame
 
     def _among(self, step: Step, before: PlannedFormation, zones: tuple[Zone, ...]) -> Step:
         if zones == self._plan.zones:
             return step
         among = AmongZones.of(replace(self._plan, zones=zones), before.span_m)
+        if step.file is not None:
+            single = among.single(before.centre_m, step.way_m)
+            return step if single in (None, step.way_m) else step.on_way(single)
         way_m, opens_m = among.round(before, step.way_m)
         return step if opens_m is not None or way_m == step.way_m else step.on_way(way_m)
 

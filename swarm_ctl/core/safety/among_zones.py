@@ -109,6 +109,20 @@ class AmongZones:
         wide = self._map(self.zones, self._fence_m, before.radius_m)
         return single, _open_m([before.centre_m, *single], wide)
 
+    def single(self, start_m: Point, way_m: Sequence[Point]) -> tuple[Point, ...] | None:
+        """The way of one vehicle along these corners, round what cuts it. A corner that it may not
+        pass is left out, but the last; None: there is no way."""
+        keeps = self._map(self.zones, self._fence_m, _SPARE_M)
+        clear = self._map(self.zones, self._fence_m, _SPARE_M - _TOUCHES_M)
+        corners = [at for at in way_m[:-1] if clear.free(np.array([complex(*at)]))[0]]
+        found = list[Point]()
+        for a, b in itertools.pairwise((start_m, *corners, way_m[-1])):
+            short = [a, b] if clear.free_line(a, b) else keeps.shortest(a, b)
+            if short is None:
+                return None
+            found += _rounded(short)
+        return tuple(found)
+
     def lacks_m(self, a: Point, b: Point, *, many: bool) -> float | None:
         """How much wider the widest gap from a to b has to be for one vehicle, or for `many` in
         file; 0: they have a way; None: there is no gap."""

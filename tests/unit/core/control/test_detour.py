@@ -77,6 +77,36 @@ def test_all_agents_have_one_way_wherever_they_take_the_frame_to_be(
         assert not any(among.cut(each) for each in ways)
 
 
+def test_a_way_in_file_is_planned_again_in_file() -> None:
+    """Round what cuts it, past a corner that lies in a zone, and back when that is lifted. A zone
+    that is not in its way changes nothing, nor does one that leaves none."""
+    detour, frame, file = Detour(PLAN), at(0.1, 0), replace(MOVE, opens_m=20.0)
+    aside = (Zone("aside", ((50.0, 90.0),), 5.0, 1.25),)
+    assert detour.flown(file, BEFORE, aside, frame) == (file, frame)
+    ponds = (Zone("on", ((50.0, 0.0),), 5.0, 1.25), Zone("over", ((100.0, 0.0),), 5.0, 1.25))
+    step, now = detour.flown(file, BEFORE, ponds, frame)
+    assert step.file is not None
+    assert MOVE.waypoints_m[0] not in step.way_m
+    assert step.way_m[-1] == MOVE.waypoints_m[1]
+    among = AmongZones.of(replace(PLAN, zones=ponds), (10.0, 10.0))
+    assert not among.cut((BEFORE.centre_m, *step.way_m))
+    assert now is not None
+    assert not detour.hemmed(step, now)
+    assert not among.cut((now.point_m, *step.way_m[now.leg :]))
+    assert detour.flown(file, BEFORE, PLAN.zones, now)[0] == file
+    sides = [complex(25, -30), complex(30, 25), complex(-25, 30), complex(-30, -25)]
+    shut = tuple(
+        Zone(f"side-{k}", ((at.real, at.imag), *ends), 0.0, 1.25)
+        for k, (at, ends) in enumerate(
+            (at, [(p.real, p.imag) for p in (at + 55 * to, at + (55 + 5j) * to, at + 5j * to)])
+            for at, to in zip(sides, (1j, -1, -1j, 1), strict=True)
+        )
+    )
+    around = AmongZones.of(replace(PLAN, zones=shut), (10.0, 10.0))
+    assert around.single(BEFORE.centre_m, file.way_m) is None
+    assert Detour(PLAN).flown(file, BEFORE, shut, frame)[0] == file
+
+
 def test_a_frame_that_was_taken_over_counts_its_corners_as_the_peer_does() -> None:
     """Until the agent has the peer's zones; of zones that come later it counts them anew."""
     pond = (Zone("pond", ((50.0, 0.0),), 5.0, 1.25),)

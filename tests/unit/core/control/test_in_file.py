@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+
+import pytest
 
 from swarm_ctl.core.control.in_file import InFile, gap_m
 from swarm_ctl.core.model.geometry import Point
@@ -15,6 +18,8 @@ GAP_M = gap_m(PLAN)
 SLOTS: dict[int, Point] = {1: (-3.0, 0.0), 2: (0.0, 0.0), 3: (3.0, 0.0)}
 """3 is the front one [units]."""
 STEP = MoveStep(((60.0, 0.0), (60.0, 80.0)), 4.0, 0.5, 2.0, 100.0, opens_m=20.0)
+MIDDLE = (0.0, 0.0)
+PLANNED_M = MIDDLE, STEP.waypoints_m[0]
 
 
 def at_start() -> dict[int, Point]:
@@ -39,7 +44,18 @@ def place(
 ) -> Point | None:
     """Where one of them flies first."""
     peers = heard(places, own, lost)
-    return InFile(PLAN, own).place(STEP, (0.0, 0.0), SLOTS, places[own], peers, departed)
+    return InFile(PLAN, own).place(STEP, PLANNED_M, MIDDLE, SLOTS, places[own], peers, departed)
+
+
+def fly(files: dict[int, InFile], places: dict[int, Point], step: MoveStep, middle: Point) -> None:
+    """A tick of perfect vehicles at 4 m/s."""
+    told = dict(places)
+    for i, file in files.items():
+        to = file.place(step, PLANNED_M, middle, SLOTS, told[i], heard(told, i), ())
+        if to is not None:
+            way = complex(*to) - complex(*told[i])
+            moved = way * min(1.0, 0.2 / max(abs(way), 1e-9))
+            places[i] = told[i][0] + moved.real, told[i][1] + moved.imag
 
 
 def test_the_front_one_sets_out_and_the_others_stay_until_there_is_room() -> None:
@@ -66,13 +82,7 @@ def test_all_follow_the_way_and_stand_in_their_places_behind_it() -> None:
     files, places = {i: InFile(PLAN, i) for i in SLOTS}, at_start()
     least = math.inf
     for _ in range(3000):
-        told = dict(places)
-        for i, file in files.items():
-            to = file.place(STEP, (0.0, 0.0), SLOTS, told[i], heard(told, i), ())
-            if to is not None:
-                way = complex(*to) - complex(*told[i])
-                step = way * min(1.0, 0.2 / max(abs(way), 1e-9))
-                places[i] = told[i][0] + step.real, told[i][1] + step.imag
+        fly(files, places, STEP, MIDDLE)
         on_it = [i for i in SLOTS if 5.0 < places[i][0] < 55.0 and places[i][1] < 1.0]
         gaps = [math.dist(places[i], places[j]) for i in on_it for j in on_it if i < j]
         least = min(least, *gaps) if gaps else least
@@ -82,9 +92,34 @@ def test_all_follow_the_way_and_stand_in_their_places_behind_it() -> None:
         assert math.dist(places[i], goal) < 0.5
 
 
+@pytest.mark.parametrize("ticks", [0, 150, 300, 450])
+def test_all_go_over_to_another_way_from_where_they_are_in_the_same_order(ticks: int) -> None:
+    """With one that forgets all when it is half through, and the frame gone ahead; and back to the
+    first way."""
+    round_it = replace(STEP, waypoints_m=((30.0, -10.0), *STEP.waypoints_m))
+    files, places = {i: InFile(PLAN, i) for i in SLOTS}, at_start()
+    passed, least = dict[int, int](), math.inf
+    for tick in range(3000):
+        step = round_it if ticks <= tick < ticks + 200 else STEP
+        if tick == ticks + 100:
+            files[2] = InFile(PLAN, 2)
+        fly(files, places, step, MIDDLE if tick < ticks else (60.0, 60.0))
+        for i in SLOTS:
+            if places[i][0] > 45.0:
+                passed.setdefault(i, tick)
+        way = [i for i in SLOTS if 0.0 < places[i][0] < 45.0]
+        gaps = [math.dist(places[i], places[j]) for i in way for j in way if i < j]
+        least = min([least, *gaps])
+    assert sorted(passed, key=lambda i: passed[i]) == [3, 2, 1]
+    assert least > 0.7 * GAP_M
+    for i, slot in SLOTS.items():
+        goal = 60.0 + slot[0] * UNIT_M, 80.0 + slot[1] * UNIT_M
+        assert math.dist(places[i], goal) < 0.5
+
+
 def test_a_way_that_comes_back_beside_itself_is_not_taken_for_its_end() -> None:
     hook = MoveStep(((60.0, 0.0), (60.0, 4.0), (0.0, 4.0)), 4.0, 0.5, 2.0, 100.0, opens_m=5.0)
     file, places = InFile(PLAN, 3), at_start()
-    to = file.place(hook, (0.0, 0.0), SLOTS, places[3], heard(places, 3), ())
+    to = file.place(hook, PLANNED_M, MIDDLE, SLOTS, places[3], heard(places, 3), ())
     assert to is not None
     assert to[1] == 0.0
