@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import random
 from typing import Any
@@ -401,6 +402,28 @@ def test_a_move_under_way_goes_round_a_zone_that_is_added(by: str) -> None:
     assert swarm.closest_m > 2 * mission.plan.law.r_in * mission.plan.unit_m
 
 
+def test_a_move_in_file_goes_round_a_zone_that_is_added() -> None:
+    """One that lies on its way, with half of the eight behind it: all follow one way round it, also
+    one that was killed and started again. Places in it, straight on, held all up before."""
+    mission = loads(at_half_rate("wood.yaml"))
+    swarm = at_step(mission, 3)
+    swarm.wait(lambda s: max(place[0] for place in s.positions().values()) > 40.0)
+    ordered(swarm, "zone add pond circle 40 14 8")
+    swarm.run(3.0)
+    swarm.kill(5)
+    swarm.run(1.0)
+    swarm.restart(5)
+    pond, left = Zone("pond", ((40.0, 14.0),), 8.0, 1.25), dict.fromkeys(range(8), False)
+    while not swarm.in_step(4):
+        assert swarm.now < 130.0
+        swarm.tick()
+        for k, place in enumerate(swarm.hub.world.positions()):
+            left[k] = left[k] or gap_m(pond, *place[:2]) > 1.0
+            assert not left[k] or gap_m(pond, *place[:2]) > 0.0
+    assert all(left.values())
+    assert swarm.closest_m > 2 * mission.plan.law.r_in * mission.plan.unit_m
+
+
 @pytest.mark.parametrize("east", [5.0, 9.0, 14.0])
 def test_a_zone_that_is_added_over_a_formation_on_its_way_holds_it_up_for_a_moment(
     east: float,
@@ -502,3 +525,26 @@ def test_a_return_that_a_zone_holds_up_names_it() -> None:
     assert max(event.time_s for event in said) < begun_s + 30.0
     reasons = {member.ended.reason for member in swarm.members.values() if member.ended}
     assert any("timed out after 60 s" in why and "no way past zone r" in why for why in reasons)
+
+
+@pytest.mark.parametrize("by", ["mission", "order"])
+def test_who_starts_in_a_zone_that_was_added_lands_beside_it(by: str) -> None:
+    """Two of four: each says so as its return begins, and comes down where the zone lets it come no
+    nearer, apart from the other. It hovered there for minutes before."""
+    steps = STEPS.replace("[24, 1]", "[12, 1]")
+    steps = steps.replace("- land", "- hold: {duration_s: 9}\n  - return")
+    swarm = at_step(loads(HEAD + steps), 4)
+    ordered(swarm, "zone add shed circle 5 10 7")
+    if by == "order":
+        swarm.command("return")
+    swarm.wait(lambda s: all(member.ended for member in s.members.values()), 150)
+    said = "return: its start lies in zone shed: it lands beside it"
+    assert {event.agent for event in swarm.events if event.text == said} == {2, 4}
+    places, shed = swarm.hub.world.positions(), Zone("shed", ((5.0, 10.0),), 7.0, 1.25)
+    assert min(gap_m(shed, north, east) for north, east, _ in places[1::2]) > 1.25
+    for k, start in ((0, (0.0, 0.0)), (2, (9.5, 0.0))):
+        assert math.dist(places[k][:2], start) < 1.0
+    apart_m = min(math.dist(a[:2], b[:2]) for a, b in itertools.combinations(places, 2))
+    assert apart_m > swarm.plan.law.r_in * swarm.plan.unit_m
+    ends = {i: str(m.ended.reason) for i, m in swarm.members.items() if m.ended}
+    assert all(ends[i].endswith("its start lies in zone shed, so it lands here") for i in (2, 4))

@@ -53,6 +53,10 @@ own keep-out (0.35)."""
 _RETURN_AT_MOST_S = 120.0
 """Per agent of the plan, of a return that is no step: for all that others may be in the way of. The
 own way comes on top of that, at half the speed. A step has its own time-out."""
+_NEARER_M: Final = 0.5
+_NO_NEARER_S: Final = 8.0
+"""A vehicle whose start lies in a zone, and which that zone has let come no nearer for so long, is
+as near as it will be: meanwhile it has looked for a way beside it."""
 _ARMING_S = 3.0
 """An arm command may act this long after it was sent, and the heartbeat that tells comes once a
 second."""
@@ -98,6 +102,10 @@ class Landing:
         """Where it is to come down."""
         self._home_s = -math.inf
         """When it came to rest over its own start."""
+        self._home_zone = ""
+        """The zone in which its own start lies."""
+        self._nearest_home = math.inf, -math.inf
+        """How near to its start it came [m], and when."""
         self._disarmed_since: float | None = None
         self._lands_since: float | None = None
         """Since when a vehicle that we yielded has been in its landing mode [s]."""
@@ -322,6 +330,8 @@ class Landing:
         stopped = self._interruption.trigger is not None
         if stopped and tick.now - self._begun_s > self._return_at_most_s:
             return f"it took more than {self._return_at_most_s:.0f} s"
+        if zone := self._beside_home(tick):
+            return f"its start lies in {zone}"
         if self._way_back.blocked:
             hindered = self._controller.hindered
             return f"it {hindered}" if hindered else "something stands in its way home"
@@ -333,6 +343,22 @@ class Landing:
         patience_s = self._plan.policies.agent_lost_after_s
         late = tick.now - self._deserted_since > patience_s
         return "no other agent is heard" if late else ""
+
+    def _beside_home(self, tick: Tick) -> str:
+        """The zone in which the own start lies, and beside which the vehicle is as near to it as it
+        will be; ''."""
+        way_back, controller = self._way_back, self._controller
+        zone = controller.safety_filter.over_zone(complex(*way_back.home_m))
+        if zone and zone != self._home_zone:
+            text = f"return: its start lies in {zone}: it lands beside it"
+            self._log.say(tick.now, Severity.WARNING, text)
+        self._home_zone = zone
+        left_m = math.dist(controller.stop_point_m, way_back.home_m)
+        flies = way_back.stage is ReturnStage.FLY
+        if not zone or not flies or left_m < self._nearest_home[0] - _NEARER_M:
+            self._nearest_home = left_m, tick.now
+        no_nearer = tick.now - self._nearest_home[1] > _NO_NEARER_S
+        return zone if no_nearer and controller.hindered.endswith(zone) else ""
 
 
 def _stands(velocity_ned_mps: Vector3) -> bool:
