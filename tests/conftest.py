@@ -18,6 +18,7 @@ import fcntl
 import gc
 import os
 import signal
+import sys
 import tempfile
 from collections.abc import Generator
 from pathlib import Path
@@ -199,8 +200,10 @@ gc.set_threshold(20_000, 20, 20)
 _STATE = tempfile.TemporaryDirectory(prefix="swarm-ctl-state-")
 os.environ["SWARM_CTL_STATE"] = _STATE.name
 
-# Where it is set, each of some 150 processes that tests start would compile the package anew.
+# Where it is set, each of some 150 processes that tests start would compile the package anew, and
+# each worker all tests.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # A shell has its background jobs ignore Ctrl-C, and they hand that down to the processes that tests
 # start and interrupt.
