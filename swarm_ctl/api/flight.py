@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TypeAlias
 
-from swarm_ctl.commands.parse import Order
+from swarm_ctl.commands.parse import Order, addressed
 from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.model.messages import AgentStatus, Event
 from swarm_ctl.core.model.plan import Plan
@@ -59,6 +59,10 @@ def _read(mission: Mission, beside: Path) -> tuple[LoadedMission, Scenario | Non
         scenario, flown = load_scenario(path)
         return flown, scenario
     return load(path), None
+
+
+Named: TypeAlias = "int | str"
+"""An agent by its id, or agents by words: `@scouts`, a group of the mission; `@1,3-5`."""
 
 
 class FlightError(SwarmError, AssertionError):
@@ -194,28 +198,52 @@ class SwarmFlight(ABC):
     def order(self, order: Order) -> SentCommand:
         """Give any operator's order, as `swarm-ctl send` builds it."""
 
-    def command(self, kind: str, agents: Sequence[int] = ()) -> SentCommand:
-        """Order hold, resume, next, land, return or kill; `agents`: only these."""
-        return self.order(Order(kind, (), tuple(agents)))
+    def command(self, kind: str, agents: Sequence[Named] = ()) -> SentCommand:
+        """Order hold, resume, next, land, return or kill; `agents`: only these, by id or by group
+        (`"@scouts"`)."""
+        return self.order(self._to(kind, *agents))
 
-    def form(self, shape: str) -> SentCommand:
-        """Order a shape of the mission."""
-        return self.order(Order("form", (shape,)))
+    def form(self, shape: str, *, group: str = "") -> SentCommand:
+        """Order a shape of the mission, of the whole swarm or of a group."""
+        return self.order(self._to("form", group, words=(shape,)))
 
     def move(
-        self, north_m: float, east_m: float, speed_mps: float | None = None, *, by: bool = False
+        self,
+        north_m: float,
+        east_m: float,
+        speed_mps: float | None = None,
+        *,
+        by: bool = False,
+        group: str = "",
     ) -> SentCommand:
-        """Order the formation's centre to a point, in metres from the origin; or by so much."""
+        """Order the centre of the formation, or of a group's, to a point, in metres from the
+        origin; or by so much."""
         numbers = [north_m, east_m, *([] if speed_mps is None else [speed_mps])]
-        return self.order(Order("move", tuple(map(str, numbers)), by=by))
+        return self.order(self._to("move", group, words=tuple(map(str, numbers)), by=by))
 
     def follow(
-        self, target: str, north_m: float = 0.0, east_m: float = 0.0, *, in_course: bool = False
+        self,
+        target: str,
+        north_m: float = 0.0,
+        east_m: float = 0.0,
+        *,
+        in_course: bool = False,
+        group: str = "",
     ) -> SentCommand:
-        """Order the formation to keep so far from a target of the mission; `in_course`: ahead of
-        it, and to its right."""
+        """Order the formation, or a group's, to keep so far from a target of the mission;
+        `in_course`: ahead of it, and to its right."""
         words = (target, str(north_m), str(east_m), *(["course"] if in_course else []))
-        return self.order(Order("follow", words))
+        return self.order(self._to("follow", group, words=words))
+
+    def _to(self, kind: str, *who: Named, words: tuple[str, ...] = (), by: bool = False) -> Order:
+        """An order to these, or to all; ValueError lists the mission's agents, InputError its
+        groups, where one of them is none."""
+        __tracebackhide__ = True
+        for agent in who:
+            if isinstance(agent, int):
+                self.known(agent)
+        agents, groups = addressed((each for each in who if each != ""), self.plan)
+        return Order(kind, words, agents, by, groups=groups)
 
     @abstractmethod
     def kill_agent(self, agent: int) -> None:

@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Final, Never, TypeVar
 
-from swarm_ctl.api.flight import FlightError, FlightResult, SwarmFlight
+from swarm_ctl.api.flight import FlightError, FlightResult, Named, SwarmFlight
 from swarm_ctl.commands.answers import refusals
 from swarm_ctl.commands.parse import Order, parse
 from swarm_ctl.commands.send import SentCommand
@@ -41,6 +41,12 @@ class OrderError(FlightError):
         if sent.silent:
             whys.append(f"{agents_named(sent.silent)}: no answer")
         super().__init__(f"{sent.command.kind}: {sent.failed or '; '.join(whys)}")
+
+
+def _accepted(sent: SentCommand) -> SentCommand:
+    if not sent.accepted:
+        raise OrderError(sent)
+    return sent
 
 
 class Swarm:
@@ -112,36 +118,48 @@ class Swarm:
         """Any order as `swarm-ctl send` takes it, e.g. `land @3`, `tune h=0.04`."""
         return self._order(parse(text, self.plan))
 
-    def hold(self, *agents: int) -> SentCommand:
-        """Stop in the air; these agents alone, or all."""
-        return self._order(Order(CommandKind.HOLD, (), agents))
+    def hold(self, *agents: Named) -> SentCommand:
+        """Stop in the air; these agents alone, by id or by group (`hold("@scouts", 7)`), or all."""
+        return _accepted(self.flight.command(CommandKind.HOLD, agents))
 
-    def resume(self, *agents: int) -> SentCommand:
+    def resume(self, *agents: Named) -> SentCommand:
         """Go on with the mission."""
-        return self._order(Order(CommandKind.RESUME, (), agents))
+        return _accepted(self.flight.command(CommandKind.RESUME, agents))
 
-    def next(self) -> SentCommand:
+    def next(self, *agents: Named) -> SentCommand:
         """End the current step."""
-        return self._order(Order(CommandKind.NEXT))
+        return _accepted(self.flight.command(CommandKind.NEXT, agents))
 
-    def form(self, shape: str) -> SentCommand:
-        """Fly into another shape of the mission."""
-        return self._order(Order(CommandKind.FORM, (shape,)))
+    def form(self, shape: str, *, group: str = "") -> SentCommand:
+        """Fly into another shape of the mission; a group's, where one is named (`"@scouts"`)."""
+        return _accepted(self.flight.form(shape, group=group))
 
     def move(
-        self, north_m: float, east_m: float, speed_mps: float | None = None, *, by: bool = False
+        self,
+        north_m: float,
+        east_m: float,
+        speed_mps: float | None = None,
+        *,
+        by: bool = False,
+        group: str = "",
     ) -> SentCommand:
-        """Move the formation's centre to a point, in metres from the origin; or by so much."""
-        numbers = [north_m, east_m, *([] if speed_mps is None else [speed_mps])]
-        return self._order(Order(CommandKind.MOVE, tuple(map(str, numbers)), by=by))
+        """Move the centre of the formation, or of a group's, to a point, in metres from the origin;
+        or by so much."""
+        return _accepted(self.flight.move(north_m, east_m, speed_mps, by=by, group=group))
 
     def follow(
-        self, target: str, north_m: float = 0.0, east_m: float = 0.0, *, in_course: bool = False
+        self,
+        target: str,
+        north_m: float = 0.0,
+        east_m: float = 0.0,
+        *,
+        in_course: bool = False,
+        group: str = "",
     ) -> SentCommand:
-        """Keep the formation so far from a target of the mission; `in_course`: ahead of it, and to
-        its right."""
-        words = (target, str(north_m), str(east_m), *(["course"] if in_course else []))
-        return self._order(Order(CommandKind.FOLLOW, words))
+        """Keep the formation, or a group's, so far from a target of the mission; `in_course`: ahead
+        of it, and to its right."""
+        follow = self.flight.follow
+        return _accepted(follow(target, north_m, east_m, in_course=in_course, group=group))
 
     def tune(self, **values: float) -> SentCommand:
         """Change the law of all agents at one time, e.g. `tune(h=0.04, kappa=15)`."""
@@ -166,14 +184,14 @@ class Swarm:
         words += [f"{key}={value!r}" for key, value in heights.items()]
         return self._order(parse(" ".join((CommandKind.ZONE, verb, name, *words)), self.plan))
 
-    def land(self, *agents: int) -> SentCommand:
+    def land(self, *agents: Named) -> SentCommand:
         """Land where they are: these agents, and the others do as the mission's policy says; or
         all. `finish` waits for the end."""
-        return self._order(Order(CommandKind.LAND, (), agents))
+        return _accepted(self.flight.command(CommandKind.LAND, agents))
 
-    def return_(self, *agents: int) -> SentCommand:
+    def return_(self, *agents: Named) -> SentCommand:
         """Fly home, all at once, and land: these agents alone, or all."""
-        return self._order(Order(CommandKind.RETURN, (), agents))
+        return _accepted(self.flight.command(CommandKind.RETURN, agents))
 
     if not TYPE_CHECKING:  # which knows all calls
 
@@ -181,12 +199,7 @@ class Swarm:
             raise AttributeError(_no_call(self, name), name=name, obj=self)
 
     def _order(self, order: Order) -> SentCommand:
-        for agent in order.agents:
-            self.flight.known(agent)
-        sent = self.flight.order(order)
-        if not sent.accepted:
-            raise OrderError(sent)
-        return sent
+        return _accepted(self.flight.order(order))
 
     # --- the end ---
 
@@ -269,34 +282,49 @@ class AsyncSwarm:
         """`Swarm.send`."""
         return await self._do(lambda: self._swarm.send(text))
 
-    async def hold(self, *agents: int) -> SentCommand:
+    async def hold(self, *agents: Named) -> SentCommand:
         """`Swarm.hold`."""
         return await self._do(lambda: self._swarm.hold(*agents))
 
-    async def resume(self, *agents: int) -> SentCommand:
+    async def resume(self, *agents: Named) -> SentCommand:
         """`Swarm.resume`."""
         return await self._do(lambda: self._swarm.resume(*agents))
 
-    async def next(self) -> SentCommand:
+    async def next(self, *agents: Named) -> SentCommand:
         """`Swarm.next`."""
-        return await self._do(self._swarm.next)
+        return await self._do(lambda: self._swarm.next(*agents))
 
-    async def form(self, shape: str) -> SentCommand:
+    async def form(self, shape: str, *, group: str = "") -> SentCommand:
         """`Swarm.form`."""
-        return await self._do(lambda: self._swarm.form(shape))
+        return await self._do(lambda: self._swarm.form(shape, group=group))
 
     async def move(
-        self, north_m: float, east_m: float, speed_mps: float | None = None, *, by: bool = False
+        self,
+        north_m: float,
+        east_m: float,
+        speed_mps: float | None = None,
+        *,
+        by: bool = False,
+        group: str = "",
     ) -> SentCommand:
         """`Swarm.move`."""
-        return await self._do(lambda: self._swarm.move(north_m, east_m, speed_mps, by=by))
+        move = self._swarm.move
+        return await self._do(lambda: move(north_m, east_m, speed_mps, by=by, group=group))
 
     async def follow(
-        self, target: str, north_m: float = 0.0, east_m: float = 0.0, *, in_course: bool = False
+        self,
+        target: str,
+        north_m: float = 0.0,
+        east_m: float = 0.0,
+        *,
+        in_course: bool = False,
+        group: str = "",
     ) -> SentCommand:
         """`Swarm.follow`."""
         follow = self._swarm.follow
-        return await self._do(lambda: follow(target, north_m, east_m, in_course=in_course))
+        return await self._do(
+            lambda: follow(target, north_m, east_m, in_course=in_course, group=group)
+        )
 
     async def tune(self, **values: float) -> SentCommand:
         """`Swarm.tune`."""
@@ -315,11 +343,11 @@ class AsyncSwarm:
         zone = self._swarm.zone
         return await self._do(lambda: zone(verb, name, circle=circle, polygon=polygon, **heights))
 
-    async def land(self, *agents: int) -> SentCommand:
+    async def land(self, *agents: Named) -> SentCommand:
         """`Swarm.land`."""
         return await self._do(lambda: self._swarm.land(*agents))
 
-    async def return_(self, *agents: int) -> SentCommand:
+    async def return_(self, *agents: Named) -> SentCommand:
         """`Swarm.return_`."""
         return await self._do(lambda: self._swarm.return_(*agents))
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import math
 import uuid
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarm_ctl import slot_assignment
-from swarm_ctl.commands.parse import BY_NAME, COURSE, Order, rezoned, tuned
+from swarm_ctl.commands.parse import BY_NAME, COURSE, Order, group_names, rezoned, tuned
 from swarm_ctl.core.kernel.walls import FENCE
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.messages import ABOUT, ENDING, Command, CommandKind, Gains, Tuning
-from swarm_ctl.core.model.plan import Plan, Point
+from swarm_ctl.core.model.plan import GroupPlan, Plan, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.steps.form import FormStep
@@ -65,6 +65,8 @@ class AgentNow:
     """It has left the formation (`AgentState.left`)."""
     down: bool = False
     """Its flight is over."""
+    step: int | None = None
+    """That it is in; None: as `SwarmNow.step`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,29 +100,87 @@ class SwarmNow:
         """The agents that have not left it."""
         return [agent for agent in self.agents if not agent.left]
 
-    def meant(self, order: Order) -> tuple[int, ...]:
-        """The agents that an order is for: those that it names; else all of the formation, and for
-        one that ends the mission all that have not ended."""
-        if order.kind in ABOUT:
-            return tuple(a.id for a in self.agents if not a.down and a.id not in order.agents)
-        if order.agents:
-            return order.agents
-        if order.kind in ENDING:
-            return tuple(agent.id for agent in self.agents if not (agent.left and agent.down))
-        return tuple(agent.id for agent in self.formation)
+    @property
+    def groups(self) -> list[GroupPlan]:
+        """Those that fly now: of each agent of the formation, by its step."""
+        steps = [
+            (agent.id, self.step if agent.step is None else agent.step)
+            for agent in self.formation
+            if not agent.down
+        ]
+        return [
+            group
+            for group in self.plan.groups
+            if any(step in group.told_steps and i in group.members for i, step in steps)
+        ]
 
-    def stop_points_m(self, kind: str) -> dict[int, Point]:
-        """Where each agent of the formation would come to rest; InputError where one is not
+    def named(self, order: Order) -> tuple[int, ...]:
+        """The agents that an order names, by their ids or by their groups, of several groups of one
+        name those that fly now or next; (): it is for all."""
+        ids = set(order.agents)
+        for name in order.groups:
+            groups = [group for group in self.plan.groups if group.name == name]
+            if not groups:
+                known = ", ".join(group_names(self.plan)) or "none"
+                raise InputError(f"there is no group {name!r} in this mission; allowed: {known}")
+            ids |= next((g for g in groups if self.step <= g.last), groups[-1]).members
+        return tuple(sorted(ids))
+
+    def flown_by(self, order: Order) -> GroupPlan:
+        """The one group that an order to a formation is for; InputError where it is for none, or
+        for several, or for some of its agents."""
+        ids, groups = self.named(order), self.groups
+        if not ids and min(len(groups), len(self.plan.groups)) == 1:
+            return (groups or self.plan.groups)[0]
+        meant = {agent.id for agent in self.formation}.intersection(ids)
+        for group in groups:
+            if meant and meant == {a.id for a in self.formation if a.id in group.members}:
+                return group
+        what = f"{order.kind} is for one group, as a whole"
+        if not groups:
+            raise InputError(f"{what}, and none flies; nothing was sent")
+        flying = ", ".join(f"@{group.name} ({agents_named(group.ids)})" for group in groups)
+        now = f"now {'fly' if len(groups) > 1 else 'flies'} {flying}"
+        raise InputError(f"{what}; {now}; nothing was sent")
+
+    def meant(self, order: Order) -> tuple[int, ...]:
+        """The agents that an order is for: those that it names, of a group those that have not left
+        the formation; else all of the formation, and for one that ends the mission all that have
+        not ended."""
+        ids = self.named(order)
+        if order.kind in ABOUT:
+            return tuple(a.id for a in self.agents if not a.down and a.id not in ids)
+        if order.kind in _TOGETHER and not ids and len(groups := self.groups) == 1:
+            ids = groups[0].ids
+        gone = {a.id for a in self.agents if a.left and (a.down or order.kind not in ENDING)}
+        asked = ids or tuple(agent.id for agent in self.agents)
+        return tuple(i for i in asked if i not in gone or i in order.agents) or ids
+
+    def step_of(self, ids: Collection[int]) -> int:
+        """The furthest step of these agents, or of all where none is named."""
+        steps = [a.step for a in self.agents if a.id in ids and a.step is not None]
+        return max(steps, default=self.step)
+
+    def stop_points_m(self, kind: str, group: GroupPlan) -> dict[int, Point]:
+        """Where each agent of the group's formation would come to rest; InputError where one is not
         heard."""
+        formation = [agent for agent in self.formation if agent.id in group.members]
         found = {
-            a.id: a.stop_point_m
-            for a in self.formation
-            if a.stop_point_m is not None and not a.lost
+            a.id: a.stop_point_m for a in formation if a.stop_point_m is not None and not a.lost
         }
-        silent = [str(agent.id) for agent in self.formation if agent.id not in found]
+        silent = [str(agent.id) for agent in formation if agent.id not in found]
         if silent:
             raise InputError(f"{kind}: agent {', '.join(silent)} is not heard; nothing was sent")
         return found
+
+    def heights_m(self, group: GroupPlan) -> tuple[float, float]:
+        """The lowest and the highest at which an agent of the group flies by the plan."""
+        stands = group.formations(self.plan.unit_m)
+        steps = [self.step if a.step is None else a.step for a in self.agents]
+        step = max((k for k in steps if k in group.told_steps), default=group.before)
+        return stands[
+            min(max(step - group.before, 0 if group.before else 1), len(stands) - 1)
+        ].span_m
 
 
 def _zones_of(swarm: SwarmNow) -> str:
@@ -148,25 +208,27 @@ def build(order: Order, swarm: SwarmNow) -> Command:
             is not heard that has to be.
     """
     _check(order, swarm.plan)
+    named = swarm.named(order)
+    if order.kind in ABOUT and not 0 < len(named) < len(swarm.plan.agents):
+        raise InputError(f"{order.kind} is about some agents, not all; nothing was sent")
     ahead_s = ((a.id, round(a.shows_ahead_s, 3)) for a in swarm.agents)
     command = Command(
         uuid.uuid4().hex,
         order.kind,
-        order.agents,
+        named,
         swarm.time_s,
         ahead_s=tuple(pair for pair in ahead_s if abs(pair[1]) > _ONE_CLOCK_S),
     )
     match order.kind:
         case kind if kind in ABOUT:
-            return replace(command, agents=(), about=order.agents)
+            return replace(command, agents=(), about=named)
         case CommandKind.NEXT:
-            return replace(command, at_step=order.at_step or swarm.step)
-        case CommandKind.FORM:
-            step: FormStep | MoveStep | FollowStep = _form(order.arguments[0], swarm)
-        case CommandKind.MOVE:
-            step = _move(order, swarm)
-        case CommandKind.FOLLOW:
-            step = _follow(order, swarm)
+            return replace(command, at_step=order.at_step or swarm.step_of(named))
+        case CommandKind.FORM | CommandKind.MOVE | CommandKind.FOLLOW:
+            group = swarm.flown_by(order)
+            step = _TOGETHER[order.kind](order, swarm, group)
+            whole = len(group.ids) == len(swarm.plan.agents)
+            command = replace(command, agents=() if whole else group.ids)
         case CommandKind.TUNE | CommandKind.ZONE:
             agents, tuning = _tune(order, swarm)
             return replace(command, agents=agents, tuning=tuning, plan_hash=swarm.plan.hash())
@@ -184,20 +246,22 @@ def _check(order: Order, plan: Plan) -> None:
             raise InputError(f"there is no agent {agent}; allowed: {', '.join(map(str, known))}")
 
 
-def _form(shape: str, swarm: SwarmNow) -> FormStep:
+def _form(order: Order, swarm: SwarmNow, group: GroupPlan) -> FormStep:
     """A shape of the plan; each slot goes to an agent that is near."""
-    plan, points_m = swarm.plan, swarm.stop_points_m("form")
-    shapes = {each.name: each for each in plan.shapes if len(each.slots) == len(plan.agents)}
+    (shape,), plan, points_m = order.arguments, swarm.plan, swarm.stop_points_m("form", group)
+    shapes = {each.name: each for each in plan.shapes if len(each.slots) == len(group.ids)}
     if shape not in shapes:
         close = difflib.get_close_matches(shape, shapes, n=1)
         hint = f"; did you mean {close[0]}?" if close else ""
+        sizes = [str(len(each.slots)) for each in plan.shapes if each.name == shape]
+        has = f"shape {shape} has {' or '.join(sizes)} slots, {group.name} {len(group.ids)} agents"
         raise InputError(
-            f"there is no shape {shape!r} in this mission{hint}; allowed:"
+            f"{has if sizes else f'there is no shape {shape!r} in this mission{hint}'}; allowed:"
             f" {', '.join(shapes) or 'none'}"
         )
     # The agents that have left take the slots that no other wants.
-    points = np.full((len(plan.agents), 2), np.nan)
-    for place, agent in enumerate(plan.agents):
+    points = np.full((len(group.agents), 2), np.nan)
+    for place, agent in enumerate(group.agents):
         if agent.id in points_m:
             points[place] = np.array(points_m[agent.id]) / plan.unit_m
     wanted = shapes[shape]
@@ -214,18 +278,15 @@ def _form(shape: str, swarm: SwarmNow) -> FormStep:
         )
     centre = np.mean(list(points_m.values()), axis=0)
     offsets = (chosen - chosen.mean(axis=0)) * plan.unit_m
-    _fenced(
-        f"form {shape}",
-        swarm,
-        {a.id: centre + at for a, at in zip(plan.agents, offsets, strict=True)},
-    )
+    places_m = {i: centre + at for i, at in zip(group.ids, offsets, strict=True)}
+    _fenced(f"form {shape}", swarm, group, places_m)
     return FormStep(shape, dealt, _TOLERANCE_M, _SETTLE_S, _NO_END_S, ups_m=ups_m)
 
 
-def _move(order: Order, swarm: SwarmNow) -> MoveStep:
+def _move(order: Order, swarm: SwarmNow, group: GroupPlan) -> MoveStep:
     """The formation's centre to a point, or by so much from where it is."""
     north, east, *speeds = map(float, order.arguments)
-    points_m = swarm.stop_points_m("move")
+    points_m = swarm.stop_points_m("move", group)
     centre = np.mean(list(points_m.values()), axis=0)
     if order.by:
         north, east = north + float(centre[0]), east + float(centre[1])
@@ -240,13 +301,13 @@ def _move(order: Order, swarm: SwarmNow) -> MoveStep:
     shift = np.array((north, east)) - centre
     if swarm.plan.fence is None or inside(swarm.plan.fence.polygon_m, (north, east)):
         # a centre outside is refused by the agents themselves
-        _fenced("move", swarm, {i: np.array(at) + shift for i, at in points_m.items()})
-    waypoints_m, opens_m = _way_round(swarm, list(points_m.values()), (north, east))
+        _fenced("move", swarm, group, {i: np.array(at) + shift for i, at in points_m.items()})
+    waypoints_m, opens_m = _way_round(swarm, group, list(points_m.values()), (north, east))
     ends = _TOLERANCE_M, _SETTLE_S, _NO_END_S
     return MoveStep(waypoints_m, speed, *ends, opens_m=opens_m)
 
 
-def _follow(order: Order, swarm: SwarmNow) -> FollowStep:
+def _follow(order: Order, swarm: SwarmNow, _: GroupPlan) -> FollowStep:
     """The formation with a target, until another order."""
     name, *rest = order.arguments
     plan = swarm.plan
@@ -267,14 +328,19 @@ def _follow(order: Order, swarm: SwarmNow) -> FollowStep:
     )
 
 
+_TOGETHER: Final[
+    dict[str, Callable[[Order, SwarmNow, GroupPlan], FormStep | MoveStep | FollowStep]]
+] = {CommandKind.FORM: _form, CommandKind.MOVE: _move, CommandKind.FOLLOW: _follow}
+
+
 def _way_round(
-    swarm: SwarmNow, points_m: list[Point], to_m: Point
+    swarm: SwarmNow, group: GroupPlan, points_m: list[Point], to_m: Point
 ) -> tuple[tuple[Point, ...], float | None]:
     """Round zones, as a mission's `move` goes; InputError where there is no way."""
     plan, unit = swarm.airspace, swarm.plan.unit_m
     slots = tuple((north / unit, east / unit) for north, east in points_m)
     before = PlannedFormation.at_start(slots, unit)
-    among = AmongZones.of(plan, _heights_m(swarm))
+    among = AmongZones.of(plan, swarm.heights_m(group))
     waypoints_m, opens_m = among.round(before, [to_m])
     way = (before.centre_m, *waypoints_m)
     ways = [way] if opens_m is not None else zip(*map(before.places_m, way), strict=True)
@@ -287,19 +353,11 @@ def _way_round(
     return waypoints_m, opens_m
 
 
-def _heights_m(swarm: SwarmNow) -> tuple[float, float]:
-    """The lowest and the highest at which an agent flies by the plan."""
-    stands = [(group.before, group.formations(swarm.plan.unit_m)) for group in swarm.plan.groups]
-    spans = [
-        each[min(max(swarm.step - before, 0 if before else 1), len(each) - 1)].span_m
-        for before, each in stands
-    ]
-    return min(low_m for low_m, _ in spans), max(high_m for _, high_m in spans)
-
-
-def _fenced(kind: str, swarm: SwarmNow, places_m: Mapping[int, NDArray[np.float64]]) -> None:
+def _fenced(
+    kind: str, swarm: SwarmNow, group: GroupPlan, places_m: Mapping[int, NDArray[np.float64]]
+) -> None:
     """InputError where an order would bring an agent out of the geofence, or into a zone."""
-    plan, heights_m = swarm.airspace, _heights_m(swarm)
+    plan, heights_m = swarm.airspace, swarm.heights_m(group)
     polygon = plan.fence.polygon_m if plan.fence else ()
     around = Surroundings.of(plan)
     for agent, at in places_m.items():

@@ -6,6 +6,7 @@ makes the mesh's `Command` of an order.
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
 from collections.abc import Iterable, Sequence
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from swarm_ctl.core.model.messages import ABOUT, CommandKind, Gains
-from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.core.model.plan import EVERYONE, Plan
 from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.swarm.gain_update import (
     bad_zones,
@@ -42,8 +43,13 @@ class Kind:
 
     @property
     def for_all(self) -> bool:
-        """It can't be given to single agents."""
-        return self.usage != ""
+        """It is for the whole swarm, whatever groups there are."""
+        return self.name in (CommandKind.TUNE, CommandKind.ZONE)
+
+    @property
+    def for_group(self) -> bool:
+        """It is for all agents of one group, or for the whole swarm."""
+        return self.usage != "" and not self.for_all
 
 
 _BY: Final = "--by"
@@ -92,21 +98,28 @@ class Order:
     kind: str
     arguments: tuple[str, ...] = ()
     agents: tuple[int, ...] = ()
-    """Empty: all of them."""
+    """Named by id; none, and no group either: all of them."""
     by: bool = False
     """`move` by so much, not to a point."""
     at_step: int = 0
     """The step of the mission that the operator saw; 0: not known."""
+    groups: tuple[str, ...] = ()
+    """Named, too; who is in them then, the sender knows (`SwarmNow.named`)."""
 
     @property
     def text(self) -> str:
         """The order as an operator types it."""
         return " ".join((self.kind, *([_BY] if self.by else []), *self.arguments))
 
+    @property
+    def whom(self) -> str:
+        """The agents that it names, as typed behind `@`: `scouts,1,3`; '' for all."""
+        return ",".join((*self.groups, *map(str, self.agents)))
+
 
 def parse(line: str, plan: Plan, marked: Iterable[int] = ()) -> Order:
-    """The order in `line`, for the agents that it names (`land @1,3-5`, `land 3`, `land @all`) or
-    else for the `marked` ones.
+    """The order in `line`, for the agents and groups that it names (`land @1,3-5`, `land 3`,
+    `land @scouts,7`, `land @all`) or else for the `marked` ones.
 
     Raises:
         InputError: with what would be allowed.
@@ -120,16 +133,70 @@ def parse(line: str, plan: Plan, marked: Iterable[int] = ()) -> Order:
         raise InputError(f"no command {name!r}; allowed: {', '.join(BY_NAME)}")
     if not kind.usage and arguments and not at:  # `land 3` is `land @3`
         at, arguments = [f"@{','.join(arguments)}"], []
-    agents = _agents(at[-1][1:], plan) if at else tuple(sorted(set(marked)))
-    if name in ABOUT and not 0 < len(agents) < len(plan.agents):
+    agents, groups = addressed(at, plan) if at else (tuple(sorted(set(marked))), ())
+    if name in ABOUT and not groups and not 0 < len(agents) < len(plan.agents):
         raise InputError(f"{name} is about some agents, not all; e.g. {name} 3, or mark them")
-    if agents and kind.for_all:
-        instead = f"leave out {at[-1]}" if at else "unmark the agents (a)"
+    if (agents or groups) and (kind.for_all or (kind.for_group and not _one(agents, groups, plan))):
+        instead = f"leave out {' '.join(at)}" if at else "unmark the agents (a)"
+        if not kind.for_all and (known := group_names(plan)):
+            instead += f", or name one group: {', '.join(f'@{group}' for group in known)}"
+            raise InputError(f"{name} is for the whole swarm or a whole group; {instead}")
         raise InputError(f"{name} is for the whole swarm; {instead}")
     by = name == CommandKind.MOVE and _BY in arguments
     arguments = [word for word in arguments if not (by and word == _BY)]
     _check(kind, arguments, plan)
-    return Order(name, tuple(arguments), agents, by)
+    return Order(name, tuple(arguments), agents, by, groups=groups)
+
+
+def group_names(plan: Plan) -> list[str]:
+    """Of the groups that fly steps of their own, in the order of the mission."""
+    return list(dict.fromkeys(group.name for group in plan.groups if group.name != EVERYONE))
+
+
+def addressed(who: Iterable[int | str], plan: Plan) -> tuple[tuple[int, ...], tuple[str, ...]]:
+    """The agents and the groups that are named: ids, or words such as `@scouts`, `@1,3-5` or
+    `scouts,7`; none of either where all are.
+
+    Raises:
+        InputError: with the agents or the groups that there are.
+    """
+    known, groups = [agent.id for agent in plan.agents], group_names(plan)
+    agents, names, every = set[int](), dict[str, None](), False
+    for part in (part for word in who for part in str(word).split(",")):
+        text = part.removeprefix("@")
+        first, dash, last = text.partition("-")
+        if text == EVERYONE:
+            every = True
+            continue
+        if not first.isdecimal() or (dash and not last.isdecimal()):
+            if text not in groups:
+                raise InputError(_no_group(text, groups))
+            names[text] = None
+            continue
+        span = {i for i in known if int(first) <= i <= int(last or first)}
+        if not span:
+            allowed = ", ".join(map(str, known))
+            raise InputError(f"no agent {text} in this mission; allowed: {allowed}")
+        agents |= span
+    return ((), ()) if every else (tuple(sorted(agents)), tuple(names))
+
+
+def _no_group(text: str, groups: Sequence[str]) -> str:
+    if not groups:
+        return f"@{text} names no agents; allowed: @all, @1,3-5"
+    close = difflib.get_close_matches(text, groups, n=1)
+    hint = f"; did you mean @{close[0]}?" if close else ""
+    allowed = ", ".join(f"@{name}" for name in (EVERYONE, *groups))
+    return f"@{text} names no agents and no group{hint}; allowed: {allowed}, @1,3-5"
+
+
+def _one(agents: tuple[int, ...], groups: tuple[str, ...], plan: Plan) -> bool:
+    """They are one group."""
+    if groups:
+        return len(groups) == 1 and not agents
+    return any(
+        frozenset(agents) == group.members for group in plan.groups if group.name != EVERYONE
+    )
 
 
 def complete(line: str, plan: Plan) -> list[str]:
@@ -150,17 +217,21 @@ def complete(line: str, plan: Plan) -> list[str]:
 
 def arguments(kind: Kind, named: Sequence[str], plan: Plan) -> list[str]:
     """The words that may follow a command and its arguments so far."""
+    groups = [f"@{name}" for name in group_names(plan)]
     if kind.name is CommandKind.FORM:
-        return [] if named else [*dict.fromkeys(shape.name for shape in plan.shapes)]
+        shapes = dict.fromkeys(shape.name for shape in plan.shapes)
+        return groups * (len(named) == 1) if named else list(shapes)
     if kind.name is CommandKind.FOLLOW:
         return [COURSE] if len(named) == 3 else [t.name for t in plan.targets if not named]
+    if kind.name is CommandKind.MOVE:
+        return groups * (len(named) in (2, 3) and named[-1] not in groups)
     if kind.name is CommandKind.TUNE:
         values = values_of(planned(plan)).items()
         taken = {word.partition("=")[0] for word in named}
         return [*(f"{name}={value:g}" for name, value in values if name not in taken), "plan"]
     if kind.name is CommandKind.ZONE:
         return zone_words(named, plan)
-    return [] if kind.for_all or named else ["@all", *(f"@{agent.id}" for agent in plan.agents)]
+    return [] if named else ["@all", *groups, *(f"@{agent.id}" for agent in plan.agents)]
 
 
 def tuned(words: Iterable[str], law: Gains, plan: Plan) -> Gains:
@@ -257,28 +328,11 @@ def ranges_of_law(plan: Plan) -> str:
     return ", ".join(f"{name} {least:g}–{most:g}" for name, (least, most) in limits(plan).items())
 
 
-def _agents(text: str, plan: Plan) -> tuple[int, ...]:
-    if text == "all":
-        return ()
-    known = [agent.id for agent in plan.agents]
-    found: set[int] = set()
-    for part in text.split(","):
-        first, dash, last = part.partition("-")
-        if not first.isdecimal() or (dash and not last.isdecimal()):
-            raise InputError(f"@{text} names no agents; allowed: @all, @1,3-5")
-        span = {i for i in known if int(first) <= i <= int(last or first)}
-        if not span:
-            allowed = ", ".join(map(str, known))
-            raise InputError(f"no agent {part} in this mission; allowed: {allowed}")
-        found |= span
-    return tuple(sorted(found))
-
-
 def _check(kind: Kind, arguments: list[str], plan: Plan) -> None:
     usage = f"{kind.name} {kind.usage}".strip()
     if kind.name is CommandKind.FORM:
         if len(arguments) != 1:  # `build` checks the name
-            known = ", ".join(shape.name for shape in plan.shapes)
+            known = ", ".join(dict.fromkeys(shape.name for shape in plan.shapes))
             raise InputError(f"usage: {usage}; this mission has {known or 'none'}")
     elif kind.name is CommandKind.MOVE:
         numbers = [_number(word) for word in arguments]

@@ -49,7 +49,11 @@ def send(
     ] = None,
     agents: Annotated[
         str,
-        option("IDS", "Only these, e.g. 2,5-7.  [default: all]", autocompletion=completion.agents),
+        option(
+            "IDS",
+            "Only these: ids, or groups of the mission, e.g. 2,5-7 or @scouts,7.  [default: all]",
+            autocompletion=completion.agents,
+        ),
     ] = "",
     by: Annotated[bool, switch("--by", "move: N and E count from the formation's centre.")] = False,
     speed: Annotated[
@@ -83,6 +87,9 @@ def send(
                          it holds where it is
     readmit AGENT        all others listen to it again
 
+    form, move and follow are for the whole swarm, or for one group of the
+    mission (--agents @scouts); where it flies in groups, one has to be named.
+
     Agents that are landed, called back or killed alone have left the
     formation; the others do as the mission says (policies.left_by_order).
 
@@ -99,6 +106,7 @@ def send(
         swarm-ctl send tune h=0.04 kappa=15
         swarm-ctl send zone add pond circle 30 -5 8
         swarm-ctl send land --run hexagon --agents 3
+        swarm-ctl send hold --agents @scouts
     """
     from swarm_ctl.commands.answers import answers as answered
     from swarm_ctl.commands.parse import parse
@@ -120,9 +128,9 @@ def send(
         words.append("@" + agents.replace(" ", ""))
     order = parse(" ".join([*words, *(["--by"] if by else [])]), plan)
     if command == "kill" and not yes:
-        named = f"agent {agents}" if agents else "EVERY agent"
+        named = f"agents {order.whom}" if order.whom else "EVERY agent"
         what = f"kill: the motors of {named} of {plan.name} ({folder}) stop at once"
-        typer.confirm(f"{what} and the vehicle falls. Really?", abort=True)
+        typer.confirm(f"{what} and their vehicles fall. Really?", abort=True)
     own = zenoh_settings(zenoh_config, guarded=manifest.guarded) if zenoh_config else None
     with RunClient(folder, identity=identity, zenoh=own) as client:
         if order.kind == CommandKind.ZONE and order.arguments == ("list",):

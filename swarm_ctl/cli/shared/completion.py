@@ -35,11 +35,16 @@ def words(ctx: typer.Context, incomplete: str) -> list[str]:
 
 
 def agents(ctx: typer.Context, incomplete: str) -> list[str]:
-    """The ids of the run's agents, also behind a comma."""
+    """The groups of the run's mission and the ids of its agents, also behind a comma."""
+    from swarm_ctl.commands.parse import group_names
+
     before, comma, last = incomplete.rpartition(",")
-    ids = [str(agent.id) for plan in _plan(ctx) for agent in plan.agents]
+    words = [f"@{name}" for plan in _plan(ctx) for name in group_names(plan)]
+    words += [str(agent.id) for plan in _plan(ctx) for agent in plan.agents]
     named = before.split(",")
-    return [f"{before}{comma}{i}" for i in ids if i.startswith(last) and i not in named]
+    return [
+        f"{before}{comma}{word}" for word in words if word.startswith(last) and word not in named
+    ]
 
 
 def _words(given: Sequence[str] | str | None) -> Sequence[str]:

@@ -196,6 +196,12 @@ class Station:
         """The swarm when there is no picture of it: a landing or a hold needs none."""
         if order.kind == CommandKind.NEXT and not order.at_step:
             raise InputError("next: there is no picture of the swarm, so its step is not known")
+        for name in order.groups:
+            if len({group.members for group in self.plan.groups if group.name == name}) > 1:
+                raise InputError(
+                    f"{order.kind}: there is no picture of the swarm, so who is in @{name} now is"
+                    " not known; allowed: agents by their ids"
+                )
         return SwarmNow(self.plan, now, 0, tuple(AgentNow(i, None) for i in self._agents))
 
     def _publish(self, command: Command) -> None:
@@ -299,6 +305,7 @@ def swarm_now(view: SwarmView) -> SwarmNow:
             shows_ahead_s=_shows_ahead_s(agent, view.time_s),
             left=agent.id in left,
             down=agent.state.down if agent.state is not None else agent.id in left,
+            step=agent.newest.step if agent.newest is not None else None,
         )
         for agent in view.agents
         if agent.in_plan

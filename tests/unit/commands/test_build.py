@@ -11,13 +11,14 @@ import pytest
 
 from swarm_ctl.commands.build import AgentNow, SwarmNow, build
 from swarm_ctl.commands.parse import Order, complete
-from swarm_ctl.core.model.plan import Fence, Zone
+from swarm_ctl.core.model.plan import EVERYONE, Fence, Zone
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.swarm.gain_update import LEAD_S, planned
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.loader import loads
 from swarm_ctl.mission.compile.plan_file import plan_from_json, plan_to_json
+from tests.unit.plans import REST, SCOUTS, SWEEPERS, groups_mission
 from tests.unit.station.swarm import hexagon_plan
 
 PLAN = hexagon_plan()
@@ -67,11 +68,15 @@ def test_a_plan_file_is_enough_to_order_each_shape_of_its_mission(mission: Path)
     assert "spare" in names
     assert complete("form ", plan) == [f"form {name}" for name in names]
     agents = tuple(AgentNow(agent.id, agent.start) for agent in plan.agents)
-    swarm = SwarmNow(replace(plan, fence=None), 40.0, 3, agents)
-    for shape in (each for each in plan.shapes if len(each.slots) == len(agents)):
-        step = build(Order("form", (shape.name,)), swarm).step
-        assert isinstance(step, FormStep)
-        assert sorted(step.slots) == sorted(shape.slots)
+    for group in plan.groups:
+        swarm = SwarmNow(replace(plan, fence=None), 40.0, group.before + 1, agents)
+        whom = () if group.name == EVERYONE else (group.name,)
+        formed = [shape for shape in plan.shapes if len(shape.slots) == len(group.ids)]
+        assert "spare" in [shape.name for shape in formed]
+        for shape in formed:
+            step = build(Order("form", (shape.name,), groups=whom), swarm).step
+            assert isinstance(step, FormStep)
+            assert sorted(step.slots) == sorted(shape.slots)
     with pytest.raises(InputError, match=f"no shape 'few' .*; allowed: {', '.join(names)}"):
         build(Order("form", ("few",)), swarm)
 
@@ -184,3 +189,130 @@ def test_a_move_goes_round_zones_or_is_refused() -> None:
     closed = replace(SWARM, plan=replace(PLAN, zones=walls, fence=None))
     with pytest.raises(InputError, match="move: there is no way past zone wall-"):
         build(Order("move", ("35", "250")), closed)
+
+
+GROUPS = groups_mission().plan
+WHERE = {agent.id: (agent.start[0] * 5.0 + 40.0, agent.start[1] * 5.0) for agent in GROUPS.agents}
+
+
+def in_groups(step: int = 5, **left: bool) -> SwarmNow:
+    """The groups side by side, each in a step of its own; the scouts are ahead by one."""
+    ahead = {i: i in SCOUTS for i in WHERE}
+    agents = [AgentNow(i, at, gains=LAW, step=step + ahead[i]) for i, at in WHERE.items()]
+    agents = [
+        replace(a, left=True, down=left[f"a{a.id}"]) if f"a{a.id}" in left else a for a in agents
+    ]
+    return SwarmNow(GROUPS, 40.0, step + 1, tuple(agents))
+
+
+@pytest.mark.parametrize("kind", ["hold", "resume", "next", "land", "return", "kill"])
+def test_an_order_to_a_group_is_for_its_agents(kind: str) -> None:
+    """Also to one and an agent beside it; `next` ends the step that these are in."""
+    swarm = in_groups()
+    for groups, ids, meant, step in (
+        (("sweepers",), (), SWEEPERS, 5),
+        (("scouts",), (12,), (*SCOUTS, 12), 6),
+        (("rest", "scouts"), (), (*SCOUTS, *REST), 6),
+        ((), (), (), 6),
+    ):
+        order = Order(kind, (), ids, groups=groups)
+        command = build(order, swarm)
+        assert command.agents == meant
+        assert swarm.meant(order) == (meant or tuple(WHERE))
+        assert command.at_step == (step if kind == "next" else 0)
+
+
+def test_who_has_left_is_not_asked_with_its_group() -> None:
+    """But where it is named itself; one that flies home is landed with the others."""
+    swarm = in_groups(a2=True, a3=False)
+    assert swarm.meant(Order("hold", groups=("scouts",))) == (1, 4)
+    assert swarm.meant(Order("land", groups=("scouts",))) == (1, 3, 4)
+    assert swarm.meant(Order("hold", (), (2,), groups=("scouts",))) == (1, 2, 4)
+    assert build(Order("hold", groups=("scouts",)), swarm).agents == SCOUTS
+
+
+@pytest.mark.parametrize("whom", [{"groups": ("scouts",)}, {"agents": SCOUTS}])
+def test_a_group_alone_flies_a_shape_or_moves(whom: dict[str, tuple[str, ...]]) -> None:
+    """By its size, from where its own agents are; whether it is named or its agents are."""
+    swarm = in_groups()
+    form = build(Order("form", ("wedge",), **whom), swarm)  # type: ignore[arg-type]
+    assert isinstance(form.step, FormStep)
+    assert (form.agents, len(form.step.slots)) == (SCOUTS, 4)
+    move = build(Order("move", ("10", "0"), by=True, **whom), swarm)  # type: ignore[arg-type]
+    assert isinstance(move.step, MoveStep)
+    own = [WHERE[i] for i in SCOUTS]
+    assert move.agents == SCOUTS
+    assert move.step.waypoints_m[-1] == pytest.approx(
+        (sum(n for n, _ in own) / 4 + 10.0, sum(e for _, e in own) / 4)
+    )
+
+
+def test_a_group_with_one_that_left_forms_with_its_slot_open() -> None:
+    """Agents take a shape for all of their group, whoever is gone."""
+    swarm = in_groups(a2=True)
+    command = build(Order("form", ("wedge",), groups=("scouts",)), swarm)
+    assert isinstance(command.step, FormStep)
+    assert (command.agents, len(command.step.slots)) == (SCOUTS, 4)
+    assert swarm.meant(Order("form", ("wedge",), groups=("scouts",))) == (1, 3, 4)
+    silent = replace(swarm, agents=tuple(replace(a, lost=a.id == 9) for a in swarm.agents))
+    assert build(Order("form", ("wedge",), groups=("scouts",)), silent).step is not None
+    with pytest.raises(InputError, match="form: agent 9 is not heard"):
+        build(Order("form", ("line",), groups=("sweepers",)), silent)
+
+
+@pytest.mark.parametrize(
+    "order",
+    [
+        Order("move", ("10", "0")),
+        Order("form", ("wedge",)),
+        Order("form", ("wedge",), groups=("scouts", "sweepers")),
+        Order("move", ("10", "0"), SWEEPERS[1:]),
+        Order("move", ("10", "0"), (7,), groups=("scouts",)),
+    ],
+)
+def test_side_by_side_one_group_is_to_be_named(order: Order) -> None:
+    """All would fly to one point."""
+    flying = "@scouts (agents 1-4), @sweepers (agents 5-10), @rest (agents 11-12)"
+    with pytest.raises(InputError, match=re.escape(f"one group, as a whole; now fly {flying}")):
+        build(order, in_groups())
+
+
+def test_before_and_after_the_split_the_whole_swarm_is_ordered() -> None:
+    """A group that flies no steps of its own now is refused as a part of it."""
+    for step in (2, 9):
+        swarm = SwarmNow(GROUPS, 40.0, step, tuple(AgentNow(i, at) for i, at in WHERE.items()))
+        command = build(Order("form", ("block",)), swarm)
+        assert isinstance(command.step, FormStep)
+        assert (command.agents, len(command.step.slots)) == ((), 12)
+        with pytest.raises(InputError, match="now flies @all"):
+            build(Order("form", ("wedge",), groups=("scouts",)), swarm)
+
+
+def test_a_shape_of_another_size_is_none_of_the_group() -> None:
+    few = tuple(s for s in GROUPS.shapes if s.name != "ring" or len(s.slots) == 12)
+    swarm = replace(in_groups(), plan=replace(GROUPS, shapes=few))
+    why = "shape ring has 12 slots, scouts 4 agents; allowed: block, line, wedge"
+    with pytest.raises(InputError, match=why):
+        build(Order("form", ("ring",), groups=("scouts",)), swarm)
+
+
+def test_the_fence_is_for_the_own_agents() -> None:
+    with pytest.raises(InputError, match=r"move: agent [5-9] would be outside the geofence"):
+        build(Order("move", ("150", "129"), groups=("sweepers",)), in_groups())
+    assert build(Order("move", ("140", "100"), groups=("scouts",)), in_groups()).agents == SCOUTS
+
+
+def test_the_rest_are_those_that_a_split_leaves_now() -> None:
+    """Or next: each split leaves others."""
+    second = [replace(g, before=20, agents=g.agents[:1]) for g in GROUPS.groups if g.name == "rest"]
+    plan = replace(GROUPS, groups=(*GROUPS.groups, *second))
+    agents = tuple(AgentNow(i, at) for i, at in WHERE.items())
+    for step, rest in ((1, REST), (5, REST), (9, (11,)), (22, (11,))):
+        command = build(Order("hold", groups=("rest",)), SwarmNow(plan, 40.0, step, agents))
+        assert command.agents == rest
+
+
+def test_to_expel_all_is_refused() -> None:
+    with pytest.raises(InputError, match="some agents, not all"):
+        build(Order("expel", groups=("scouts", "sweepers", "rest")), in_groups())
+    assert build(Order("expel", groups=("scouts",)), in_groups()).about == SCOUTS

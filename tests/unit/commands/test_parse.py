@@ -14,9 +14,11 @@ from swarm_ctl.commands.parse import BY_NAME, KINDS, Order, complete, parse
 from swarm_ctl.core.agent import command_handler
 from swarm_ctl.core.model.plan import ShapePlan
 from swarm_ctl.errors import InputError
+from tests.unit.plans import SCOUTS, groups_mission
 from tests.unit.station.swarm import hexagon_plan
 
 PLAN = hexagon_plan()
+GROUPS = groups_mission().plan
 
 
 @pytest.mark.parametrize(
@@ -155,3 +157,65 @@ def test_an_order_by_so_much_says_so() -> None:
     order = replace(parse("move 10 0", hexagon_plan()), by=True)
     assert order.text == "move --by 10 0"
     assert parse("move 10 0", hexagon_plan()).text == "move 10 0"
+
+
+@pytest.mark.parametrize(
+    ("line", "order"),
+    [
+        ("hold @scouts", Order("hold", groups=("scouts",))),
+        ("hold scouts", Order("hold", groups=("scouts",))),
+        ("@scouts hold", Order("hold", groups=("scouts",))),
+        ("land @scouts,7", Order("land", (), (7,), groups=("scouts",))),
+        ("land @scouts,@7 @rest", Order("land", (), (7,), groups=("scouts", "rest"))),
+        ("land @1-3 @5", Order("land", (), (1, 2, 3, 5))),
+        ("hold @scouts,all", Order("hold")),
+        ("form wedge @scouts", Order("form", ("wedge",), groups=("scouts",))),
+        ("form wedge @1-4", Order("form", ("wedge",), SCOUTS)),
+        ("move @rest --by 3 4", Order("move", ("3", "4"), by=True, groups=("rest",))),
+        ("expel @rest", Order("expel", groups=("rest",))),
+    ],
+)
+def test_groups_are_known_by_name(line: str, order: Order) -> None:
+    """With agents beside them, in any order of words, behind one `@` or several."""
+    assert parse(line, GROUPS) == order
+    if order.whom:
+        assert parse(f"{order.text} @{order.whom}", GROUPS) == order
+
+
+def test_a_marked_group_forms() -> None:
+    assert parse("form wedge", GROUPS, SCOUTS) == Order("form", ("wedge",), SCOUTS)
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        (
+            "hold @scout",
+            "@scout names no agents and no group; did you mean @scouts?; allowed: @all, @scouts, @s",
+        ),
+        ("hold @seven", "no group; allowed: @all, @scouts, @sweepers, @rest, @1,3-5"),
+        ("hold @scouts,99", "no agent 99"),
+        ("hold @99,all", "no agent 99"),
+        ("tune h=0.04 @scouts", "tune is for the whole swarm; leave out @scouts"),
+        (
+            "form wedge @scouts,7",
+            "a whole group; leave out @scouts,7, or name one group: @scouts, @sweepers, @rest",
+        ),
+        ("move 1 2 @1-3", "or name one group: @scouts"),
+        ("follow boat @scouts,rest", "or name one group"),
+    ],
+)
+def test_what_is_no_group_is_refused_with_their_names(line: str, why: str) -> None:
+    with pytest.raises(InputError, match=re.escape(why)):
+        parse(line, GROUPS)
+
+
+def test_completion_knows_the_groups() -> None:
+    """Behind a shape or a point as well; never behind what lands."""
+    assert complete("hold @", GROUPS)[:4] == [
+        f"hold @{w}" for w in ("all", "scouts", "sweepers", "rest")
+    ]
+    assert complete("form wedge @sc", GROUPS) == ["form wedge @scouts"]
+    assert complete("move 20 -5 @s", GROUPS) == ["move 20 -5 @scouts", "move 20 -5 @sweepers"]
+    assert complete("move 20 -5 @scouts ", GROUPS) == complete("land @s", GROUPS) == []
+    assert complete("form ", GROUPS) == [f"form {w}" for w in ("block", "line", "ring", "wedge")]
