@@ -29,14 +29,16 @@ _OTHERS: Final = {
 """One agent, and several."""
 
 
-def answers(sent: SentCommand, plan: Plan, left: Collection[int] = ()) -> Iterator[str]:
-    """A line for each answer, with the agents that gave it; `left` have left the formation
-    already."""
+def answers(
+    sent: SentCommand, plan: Plan, left: Collection[int] = (), beside: Collection[int] = ()
+) -> Iterator[str]:
+    """A line for each answer, with the agents that gave it; `left` have left the formation already,
+    those `beside` fly in other groups."""
     kind, taken = sent.command.kind, [i for i, ack in sorted(sent.acks.items()) if ack.accepted]
     about = sent.command.about
-    rest = others(kind, taken, plan, {*left, *sent.meant}) if sent.command.agents else ""
+    rest = others(kind, taken, plan, {*left, *sent.meant}, beside) if sent.command.agents else ""
     if taken and about:
-        does, then = _ABOUT[CommandKind(kind)], others(kind, about, plan, left)
+        does, then = _ABOUT[CommandKind(kind)], others(kind, about, plan, left, beside)
         yield f"{agents_named(taken)}: {does.format(agents_named(about))}{f'; {then}' * bool(then)}"
     elif taken:
         does = next((does for name, does in _DOES.items() if name == kind), "") if rest else ""
@@ -55,13 +57,21 @@ def refusals(sent: SentCommand) -> Iterator[str]:
         yield f"{agents_named(agents)}: refused: {reason}"
 
 
-def others(kind: str, named: Collection[int], plan: Plan, left: Collection[int] = ()) -> str:
+def others(
+    kind: str,
+    named: Collection[int],
+    plan: Plan,
+    left: Collection[int] = (),
+    beside: Collection[int] = (),
+) -> str:
     """What the agents do that an order to the agents `named` leaves out; '' where there are none,
-    or where the order says nothing of them.
+    or where the order says nothing of them. Those `beside` fly in groups with none of them.
 
     `agents 1-2 go on without it (policies.left_by_order)`
     """
-    rest = [agent.id for agent in plan.agents if agent.id not in {*named, *left}]
+    rest = [agent.id for agent in plan.agents if agent.id not in {*named, *left, *beside}]
+    apart = not rest
+    rest = rest or sorted(set(beside).difference(named, left))
     if not named or not rest or kind not in (*ENDING, CommandKind.HOLD, CommandKind.EXPEL):
         return ""
     policies, them, several = plan.policies, "it" if len(named) == 1 else "them", len(rest) > 1
@@ -70,4 +80,7 @@ def others(kind: str, named: Collection[int], plan: Plan, left: Collection[int] 
     if kind == CommandKind.HOLD:
         waits = f"wait{'' if several else 's'} for {them} {policies.override_pause_s:g} s at most"
         does, rule = f"{waits}, then {does}", "policies.override_pause_s, left_by_order"
+    if apart:
+        fly = "fly on" if several else "flies on"
+        does = f"{fly}, and where the groups meet {'they ' if several else 'it '}{does}"
     return f"{agents_named(rest)} {does} ({rule})"

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarm_ctl import slot_assignment
-from swarm_ctl.commands.parse import BY_NAME, COURSE, Order, group_names, rezoned, tuned
+from swarm_ctl.commands.parse import BY_NAME, COURSE, Order, rezoned, tuned
 from swarm_ctl.core.kernel.walls import FENCE
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.messages import ABOUT, ENDING, Command, CommandKind, Gains, Tuning
@@ -114,22 +114,10 @@ class SwarmNow:
             if any(step in group.told_steps and i in group.members for i, step in steps)
         ]
 
-    def named(self, order: Order) -> tuple[int, ...]:
-        """The agents that an order names, by their ids or by their groups, of several groups of one
-        name those that fly now or next; (): it is for all."""
-        ids = set(order.agents)
-        for name in order.groups:
-            groups = [group for group in self.plan.groups if group.name == name]
-            if not groups:
-                known = ", ".join(group_names(self.plan)) or "none"
-                raise InputError(f"there is no group {name!r} in this mission; allowed: {known}")
-            ids |= next((g for g in groups if self.step <= g.last), groups[-1]).members
-        return tuple(sorted(ids))
-
     def flown_by(self, order: Order) -> GroupPlan:
         """The one group that an order to a formation is for; InputError where it is for none, or
         for several, or for some of its agents."""
-        ids, groups = self.named(order), self.groups
+        ids, groups = order.named(self.plan, self.step), self.groups
         if not ids and min(len(groups), len(self.plan.groups)) == 1:
             return (groups or self.plan.groups)[0]
         meant = {agent.id for agent in self.formation}.intersection(ids)
@@ -147,7 +135,7 @@ class SwarmNow:
         """The agents that an order is for: those that it names, of a group those that have not left
         the formation; else all of the formation, and for one that ends the mission all that have
         not ended."""
-        ids = self.named(order)
+        ids = order.named(self.plan, self.step)
         if order.kind in ABOUT:
             return tuple(a.id for a in self.agents if not a.down and a.id not in ids)
         if order.kind in _TOGETHER and not ids and len(groups := self.groups) == 1:
@@ -208,7 +196,7 @@ def build(order: Order, swarm: SwarmNow) -> Command:
             is not heard that has to be.
     """
     _check(order, swarm.plan)
-    named = swarm.named(order)
+    named = order.named(swarm.plan, swarm.step)
     if order.kind in ABOUT and not 0 < len(named) < len(swarm.plan.agents):
         raise InputError(f"{order.kind} is about some agents, not all; nothing was sent")
     ahead_s = ((a.id, round(a.shows_ahead_s, 3)) for a in swarm.agents)

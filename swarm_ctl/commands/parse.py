@@ -104,7 +104,7 @@ class Order:
     at_step: int = 0
     """The step of the mission that the operator saw; 0: not known."""
     groups: tuple[str, ...] = ()
-    """Named, too; who is in them then, the sender knows (`SwarmNow.named`)."""
+    """Named, too."""
 
     @property
     def text(self) -> str:
@@ -115,6 +115,21 @@ class Order:
     def whom(self) -> str:
         """The agents that it names, as typed behind `@`: `scouts,1,3`; '' for all."""
         return ",".join((*self.groups, *map(str, self.agents)))
+
+    def named(self, plan: Plan, step: int) -> tuple[int, ...]:
+        """The agents that it names, by their ids or by their groups; (): it is for all. Of several
+        groups of one name those count that fly now or next, where the furthest agent is in `step`.
+
+        Raises:
+            InputError: the plan has no such group.
+        """
+        ids = set(self.agents)
+        for name in self.groups:
+            groups = [group for group in plan.groups if group.name == name]
+            if not groups:
+                raise InputError(_no_group(name, group_names(plan)))
+            ids |= next((group for group in groups if step <= group.last), groups[-1]).members
+        return tuple(sorted(ids))
 
 
 def parse(line: str, plan: Plan, marked: Iterable[int] = ()) -> Order:
@@ -163,7 +178,7 @@ def addressed(who: Iterable[int | str], plan: Plan) -> tuple[tuple[int, ...], tu
     known, groups = [agent.id for agent in plan.agents], group_names(plan)
     agents, names, every = set[int](), dict[str, None](), False
     for part in (part for word in who for part in str(word).split(",")):
-        text = part.removeprefix("@")
+        text = part.lstrip("@")
         first, dash, last = text.partition("-")
         if text == EVERYONE:
             every = True

@@ -137,9 +137,10 @@ def send(
             _list_zones(client.zones(), console)
             return
         answers = client.order(order)
-        left = client.left()
-    console.say(f"{order.text}, {plan.name} ({folder}):")
-    for line in answered(answers, plan, left):
+        view = client.view()
+    whom = f" @{order.whom}" if order.whom else ""
+    console.say(f"{order.text}{whom}, {plan.name} ({folder}):")
+    for line in answered(answers, plan, view.left, view.beside(answers.meant)):
         console.say(line)
     if answers.silent:
         console.say(f"{agents_named(answers.silent)}: no answer", style="bold red")

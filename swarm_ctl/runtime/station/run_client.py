@@ -112,10 +112,6 @@ class RunClient:
         self._station.hear()
         return self._station.view()
 
-    def left(self) -> set[int]:
-        """The agents that have left the formation by an operator's order."""
-        return {agent.id for agent in self._now().agents if agent.left}
-
     def _now(self) -> SwarmNow:
         return swarm_now(self._station.view())
 

@@ -43,7 +43,7 @@ from swarm_ctl.station.dashboard.drawing.picture import Chosen, NewZone, Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import StyledLine
 from swarm_ctl.station.dashboard.drawing.widgets import Painted
 from swarm_ctl.station.dashboard.key_bindings import ALWAYS, ONLY_ON, SCREENS, bindings
-from swarm_ctl.station.dashboard.panes.agent_table import TITLES, in_order
+from swarm_ctl.station.dashboard.panes.agent_table import AgentTable, in_order, titles
 from swarm_ctl.station.dashboard.panes.help_pane import KEYS, SIGNS, HelpPane, commands
 from swarm_ctl.station.dashboard.panes.link_matrix import METRICS
 from swarm_ctl.station.dashboard.panes.links_pane import LinksPane
@@ -408,13 +408,14 @@ class Dashboard(App[None]):
 
     def on_data_table_header_selected(self, event: DataTable.HeaderSelected) -> None:
         """A click on a title sorts; the same one again turns the order round."""
-        if event.data_table.id == "agents" and event.column_index < len(TITLES):
-            title = TITLES[event.column_index]
+        table = event.data_table
+        if isinstance(table, AgentTable) and event.column_index < len(table.titles):
+            title = table.titles[event.column_index]
             again = title == self._chosen.sort
             self._choose(sort=title, backwards=again and not self._chosen.backwards)
 
     def action_sort_next(self) -> None:
-        self._choose(sort=_after(self._chosen.sort, TITLES), backwards=False)
+        self._choose(sort=_after(self._chosen.sort, titles(self._plan)), backwards=False)
 
     def action_sort_turn(self) -> None:
         self._choose(backwards=not self._chosen.backwards)
@@ -600,11 +601,10 @@ class Dashboard(App[None]):
             self._say(str(error))
             return
         self._notice = ""
-        step = self._view.step if self._view else 0
-        if order.kind == CommandKind.NEXT:
-            order = replace(order, at_step=step)
-        left = self._view.left if self._view else ()
-        if words := consequence(order, self._plan, step, left):
+        view = self._view
+        if order.kind == CommandKind.NEXT and view is not None:
+            order = replace(order, at_step=view.step_of(order.named(self._plan, view.step)))
+        if words := consequence(order, self._plan, view):
             give = partial(self._give, order)
             dropped = f"{order.kind}: not sent; only Enter sends it"
             self._ask(Ask(words, "Enter sends it, Esc drops it.", give, dropped))

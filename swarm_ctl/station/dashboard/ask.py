@@ -12,6 +12,7 @@ from swarm_ctl.core.model.messages import CommandKind
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.station.dashboard.drawing.styled_line import StyledLine
+from swarm_ctl.station.picture.view import SwarmView
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,15 +33,30 @@ class Ask:
         return [StyledLine(f" {line}") for line in (*words, self.keys)]
 
 
-def consequence(order: Order, plan: Plan, step: int, left: Collection[int] = ()) -> str:
-    """What an order that lands, returns or kills will do in the mission's `step`, and to which
-    agents, and what the others do, but for those that have `left`; '' for any other order."""
-    agents = order.agents or tuple(agent.id for agent in plan.agents)
+def consequence(order: Order, plan: Plan, view: SwarmView | None) -> str:
+    """What an order that lands, returns or kills will do as the operator sees the swarm (None: not
+    yet), and to which agents, and what the others do, but for those that have left; '' for any
+    other order."""
+    named = order.named(plan, view.step if view is not None else 0)
+    agents = named or tuple(agent.id for agent in plan.agents)
     does = BY_NAME[order.kind].asks[len(agents) > 1]
     if order.kind == CommandKind.NEXT:
-        after = [each for group in plan.groups if (each := group.step(step + 1)) is not None]
-        for kind in sorted({each.kind for each in after if each.goes_down}):
+        for step, kind in sorted(_landings(agents, plan, view)):
             does = f"step {step} ends, and step {step + 1} is '{kind}'"
-    rest = others(order.kind, order.agents, plan, left)
+    left, beside = (view.left, view.beside(agents)) if view is not None else ((), ())
+    rest = others(order.kind, named, plan, left, beside)
     more = f"; {rest}" if rest else ""
-    return f"{order.kind} {agents_named(agents)}: {does}{more}" if does else ""
+    who = view.whom(agents) if view is not None and named else agents_named(agents)
+    return f"{order.kind} {who}: {does}{more}" if does else ""
+
+
+def _landings(agents: Collection[int], plan: Plan, view: SwarmView | None) -> set[tuple[int, str]]:
+    """The steps that bring some of these agents down next: behind which step, and their kinds."""
+    found = set[tuple[int, str]]()
+    many = view is not None and len(view.groups) > 1
+    for agent in agents:
+        group = view.group_now(agent) if view is not None and many else None
+        now = group.step if group is not None else view.step if view is not None else 0
+        after = [g.step(now + 1) for g in plan.groups if agent in g.members]
+        found |= {(now, step.kind) for step in after if step is not None and step.goes_down}
+    return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from swarm_ctl.commands.parse import KINDS, ranges_of_law
+from swarm_ctl.commands.parse import KINDS, group_names, ranges_of_law
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.text import agents_named, printable, ranges
@@ -17,11 +17,13 @@ from swarm_ctl.station.dashboard.drawing.styled_line import (
     StyledLine,
     fit,
 )
+from swarm_ctl.station.dashboard.panes.groups import flown
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.left_mission import is_out
 from swarm_ctl.station.picture.summaries import (
     command_words,
     flown_order,
+    group_words,
     meant_by,
     refusals,
     verdict,
@@ -78,6 +80,11 @@ def _step_names(view: SwarmView) -> list[str]:
     orders = {flown_order(agent, view) for agent in aloft}
     if len(orders) == 1 and (order := orders.pop()):
         return [f"{step} waits: {order}", f"{step} waits", step]
+    if len(view.groups) > 1:
+        told = [(g.name, g.step, flown(g, view)) for g in view.groups if g.agents]
+        whole = " · ".join(f"{name} {k} {words}" for name, k, words in told)
+        short = ", ".join(f"{name} {k} {words.partition(' ')[0]}" for name, k, words in told)
+        return [f"step/{view.plan.last_step}: {whole}", short, step]
     name = view.group.step_name(view.step)
     return [f"{step}: {name}", f"{step}: {name.partition(' ')[0]}", step]
 
@@ -148,7 +155,8 @@ def usage_line(typed: str, plan: Plan) -> StyledLine:
     if len(kinds) != 1:
         return StyledLine(" " + "  ".join(kind.name for kind in kinds or KINDS), "bold")
     kind = kinds[0]
-    agents = "" if kind.for_all else " [@AGENTS]"
+    groups = group_names(plan)
+    agents = " [@AGENTS]" if not kind.usage else " [@GROUP]" if kind.for_group and groups else ""
     does = ranges_of_law(plan) if kind.name == "tune" and " " in typed else kind.does
     line = StyledLine(f" {kind.name} {kind.usage}".rstrip() + agents, "bold")
     return line.add(f"  {does}", "dim")
@@ -156,7 +164,8 @@ def usage_line(typed: str, plan: Plan) -> StyledLine:
 
 def _answers(command: CommandView, view: SwarmView) -> StyledLine:
     meant, refused = meant_by(command, view), refusals(command, view)
-    line = StyledLine(f" {command_words(command.command)}", "bold").add(" ")
+    words = f"{command_words(command.command)} {group_words(command, view)}".rstrip()
+    line = StyledLine(f" {words}", "bold").add(" ")
     taken = [i for i in meant if i in command.acks and command.acks[i].accepted]
     waiting = [i for i in meant if i not in command.acks]
     if not waiting and not refused:

@@ -15,6 +15,7 @@ Tab.-active { text-style: bold reverse; }
 CellTable { height: auto; overflow-x: hidden; }
 #swarm { layout: vertical; }
 #left { height: auto; max-height: 65%; }
+#groups { height: auto; max-height: 30%; display: none; }
 #agents { height: auto; max-height: 75%; }
 #map { height: 1fr; }
 #recent { height: 3; }

@@ -234,12 +234,15 @@ def _held_alone(view: SwarmView, limit_s: float) -> Found:
         if to_all.keys() >= set(tags.values()) and view.time_s < newest_s + _TAKEN_S:
             return  # no two agents take a command to all, or leave it, in the same moment
         sent = [c.command for c in view.commands]
-        known = {c.tag: f"{c.kind} of {c.station}" for c in sent}
+        known = {c.tag: f"{c.kind} of {c.station}" if c.station else c.kind for c in sent}
         whose = sorted(
             {known.get(tag, "of nobody whom this station heard") for tag in tags.values()}
         )
         who = printable(", ".join(whose))
-        yield tuple(tags), f"held by a command ({who}); the others wait {limit_s:g} s at most"
+        wait = f"the others wait {limit_s:g} s at most"
+        if {agent.id for agent in flying}.issubset((*tags, *view.beside(tags))):
+            wait = f"where the groups meet, {wait}"
+        yield tuple(tags), f"held by a command ({who}); {wait}"
 
 
 def _pause_s(view: SwarmView) -> float:
@@ -270,13 +273,17 @@ def _overspeed(view: SwarmView, _: float) -> Found:
 
 
 def _long_link(view: SwarmView, r_m: float) -> Found:
-    step = view.group.step(view.step)
-    form = step.new_shape if step is not None else None
-    if form is not None and form.neighbours is not None:
-        return  # those that it chose come together only now
-    if step is not None and step.file is not None:
-        return  # one behind the other they are far apart, as is meant
+    apart = set[int]()
+    for group in view.groups:
+        step = group.plan.step(group.step)
+        form = step.new_shape if step is not None else None
+        if form is not None and form.neighbours is not None:
+            apart |= group.plan.members  # those that it chose come together only now
+        if step is not None and step.file is not None:
+            apart |= group.plan.members  # one behind the other they are far apart, as is meant
     for edge in view.edges:
+        if not apart.isdisjoint((edge.a, edge.b)):
+            continue
         if edge.length_m is not None and edge.length_m > r_m:
             long, limit = _apart(edge.length_m, r_m, 1)
             yield (edge.a, edge.b), f"their link is {long} m long, over r {limit} m"

@@ -29,7 +29,8 @@ from swarm_ctl.core.model.messages import (
     StationBeacon,
     TargetWord,
 )
-from swarm_ctl.core.model.plan import GroupPlan, Plan, Point
+from swarm_ctl.core.model.plan import GroupPlan, Plan, Point, Policy
+from swarm_ctl.core.model.route import Routes
 from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.targets import TargetNow
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
@@ -43,6 +44,7 @@ from swarm_ctl.station.picture.view import (
     CommandView,
     EdgeView,
     FollowView,
+    GroupView,
     LinkView,
     PairView,
     SwarmView,
@@ -87,6 +89,20 @@ class _Heard:
     def newest_step(self) -> int | None:
         """The furthest that it told of."""
         return max((told.step for told in (self.state, self.status) if told), default=None)
+
+    @property
+    def progress(self) -> tuple[int, bool]:
+        """The furthest (step, done) that it told of; (-1, False): it was never heard."""
+        told = ((each.step, each.done) for each in (self.state, self.status) if each)
+        return max(told, default=(-1, False))
+
+    @property
+    def done_s(self) -> float | None:
+        """When it was done with its step; None: it is not, or has not told yet when."""
+        status, (step, done) = self.status, self.progress
+        if status is None or not done or status.step != step or not status.steps:
+            return None
+        return status.steps[-1].end_s
 
     @property
     def in_formation(self) -> bool:
@@ -152,7 +168,7 @@ class _Answered:
     command: Command
     received_s: float
     at_step: int = 0
-    """The mission's step when it came."""
+    """The furthest step of the agents that it is for, when it came."""
     acks: dict[int, Ack] = field(default_factory=dict)
 
 
@@ -168,7 +184,7 @@ class Model:
         self._plan_hash = plan.hash()
         self._speedup = speedup
         self._since_s = since_s
-        self._in_plan = InPlan(plan)
+        self._in_plan, self._routes = InPlan(plan), Routes(plan)
         self._planned = frozenset(agent.id for agent in plan.agents)
         self._heard = {agent.id: _Heard() for agent in plan.agents}
         self._events: deque[Event] = deque(maxlen=_EVENTS)
@@ -225,9 +241,9 @@ class Model:
                     self._events.append(payload)
                     self._event_count += 1
             case Command():
-                now_at = max(
-                    (heard.state.step for heard in self._heard.values() if heard.state), default=0
-                )
+                meant = payload.agents or tuple(self._planned)
+                states = [self._heard[i].state for i in meant if i in self._heard]
+                now_at = max((state.step for state in states if state), default=0)
                 self._commands.setdefault(payload.id, _Answered(payload, received_s, now_at))
                 while len(self._commands) > _COMMANDS:
                     del self._commands[next(iter(self._commands))]
@@ -295,6 +311,7 @@ class Model:
                 CommandView(c.command, c.received_s, dict(c.acks)) for c in self._commands.values()
             ),
             stations=stations,
+            groups=tuple(self._grouped(moment)),
             targets=tuple(self._seen(moment)),
             follows=tuple(self._followed(moment)),
             histories=self._history.view(),
@@ -304,6 +321,34 @@ class Model:
                 if heard.doubt is not None and now_s - heard.doubt[1] <= SUSPECT_S
             },
         )
+
+    def _grouped(self, moment: _Moment) -> Iterator[GroupView]:
+        states = ((i, heard.state) for i, heard in self._heard.items())
+        left = {i for i, state in states if state is not None and state.left is not None}
+        gone = left | moment.lost if self._plan.policies.agent_lost is Policy.CONTINUE else left
+        for step, group in moment.groups:
+            here = [i for i in group.ids if i not in left and self._is_in(i, group)]
+            done = [i for i in here if i not in gone and self._heard[i].progress == (step, True)]
+            told_s = [at_s for i in done if (at_s := self._heard[i].done_s) is not None]
+            late = dict[int, int]()
+            if done:
+                awaited = self._routes.awaited(done[0], step).items()
+                late = {i: k for i, k in awaited if self._heard[i].progress < (k, True)}
+            waits = tuple(sorted(late.keys() - gone))
+            yield GroupView(
+                group,
+                step,
+                tuple(here),
+                silent=tuple(i for i in here if i in moment.lost),
+                error_m=max((moment.away_m[i] for i in here if i in moment.away_m), default=None),
+                waits_for=waits,
+                waits_s=max(0.0, moment.now_s - min(told_s)) if waits and told_s else None,
+            )
+
+    def _is_in(self, agent: int, group: GroupPlan) -> bool:
+        """By its newest step; one that was never heard is where it begins."""
+        step = self._heard[agent].newest_step
+        return (step if step is not None else 0) in group.told_steps
 
     def _sight(self, word: TargetWord, received_s: float) -> None:
         before = self._targets.now(word.name, received_s)
@@ -438,7 +483,7 @@ class Model:
         if shape is None:
             return {}, {}, None
         slots, points = {}, {}
-        in_roles = not self._overridden()  # an operator's shape gives each agent its own slot
+        in_roles = not self._overridden(group)  # an operator's shape gives each its own slot
         for k, agent in enumerate(group.agents):
             state = self._heard[agent.id].state
             if state is None:
@@ -460,7 +505,8 @@ class Model:
     def _shape(self, group: GroupPlan, step: int) -> dict[int, Point] | None:
         """The newest slots, centred: an operator's since the mission's step began, or the
         mission's; None: none yet."""
-        forms = [
+        forms = [(group.before, tuple(a.start for a in group.agents))] if group.formed else []
+        forms += [
             (k, form.slots)
             for k, s in zip(group.numbers, group.steps, strict=True)
             if k <= step and (form := s.new_shape) is not None
@@ -468,9 +514,11 @@ class Model:
         for answered in self._commands.values():
             order = answered.command.step
             commanded = order.new_shape if order is not None else None
-            resumed = bool(forms) and forms[-1][0] == step and not self._overridden()
+            resumed = bool(forms) and forms[-1][0] == step and not self._overridden(group)
+            meant = answered.command.agents
             if (
                 commanded is not None
+                and (not meant or group.members.issubset(meant))
                 and len(commanded.slots) == len(group.agents)  # else all agents refuse it
                 and answered.at_step >= (forms[-1][0] if forms else 0)
                 and not resumed
@@ -478,10 +526,9 @@ class Model:
                 forms.append((answered.at_step, commanded.slots))
         return dict(enumerate(centred_slots(forms[-1][1]))) if forms else None
 
-    def _overridden(self) -> bool:
-        return any(
-            heard.state is not None and heard.state.override for heard in self._heard.values()
-        )
+    def _overridden(self, group: GroupPlan) -> bool:
+        states = [self._heard[agent].state for agent in group.ids]
+        return any(state is not None and state.override for state in states)
 
     def _agent(self, agent_id: int, moment: _Moment) -> AgentView:
         heard, now_s = self._heard[agent_id], moment.now_s

@@ -9,6 +9,7 @@ from typing import Final
 
 from swarm_ctl.commands.answers import others
 from swarm_ctl.core.model.messages import Command, CommandKind, Event, Phase, Severity
+from swarm_ctl.core.model.plan import EVERYONE
 from swarm_ctl.core.model.text import agents_counted, agents_named, printable, ranges
 from swarm_ctl.core.swarm.gain_update import named
 from swarm_ctl.station.picture.alarms import Alarm, Level
@@ -128,6 +129,13 @@ def command_words(command: Command) -> str:
     return f"tune {law} from {command.tuning.at_s:.1f} s" if command.commits else f"ask for {law}"
 
 
+def group_words(command: CommandView, view: SwarmView) -> str:
+    """`@scouts`, where a command is for all agents of one group, and for them alone; else ''."""
+    given = command.command.agents
+    named = [g for g in view.plan.groups if g.name != EVERYONE and g.members == set(given)]
+    return f"@{named[0].name}" if given and named else ""
+
+
 def flown_order(agent: AgentView, view: SwarmView) -> str:
     """The order that an agent flies instead of the mission's step; '': none."""
     tag = agent.state.override if agent.state is not None else 0
@@ -151,7 +159,10 @@ def meant_by(command: CommandView, view: SwarmView) -> tuple[int, ...]:
     """The agents that a command is for: those that it names; else all but those that have left the
     formation: of those, one that is down and refuses was not meant (`SwarmNow.meant`)."""
     given, left = command.command, view.left
-    return given.agents or tuple(
+    named = given.agents
+    if len(named) > 1:  # of a group those that have left it are not asked
+        named = tuple(i for i in named if i not in left or i in command.acks) or named
+    return named or tuple(
         agent.id
         for agent in view.agents
         if agent.in_plan and (agent.id not in left or _answers_for_all(agent, command))
@@ -177,5 +188,7 @@ def answers(command: CommandView, view: SwarmView) -> str:
     ]
     parts += [f"waiting for {agents_counted(open_)}"] if open_ else []
     given = command.command
-    rest = others(given.kind, taken, view.plan, view.left.union(meant)) if given.agents else ""
-    return f"{command_words(given)}: " + ", ".join(parts) + (f"; {rest}" if rest else "")
+    left = view.left.union(meant)
+    rest = others(given.kind, taken, view.plan, left, view.beside(meant)) if given.agents else ""
+    whom = f" {words}" if (words := group_words(command, view)) else ""
+    return f"{command_words(given)}{whom}: " + ", ".join(parts) + (f"; {rest}" if rest else "")

@@ -8,7 +8,7 @@ lengths are metres unless a name says units; positions are in the common frame.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -25,6 +25,7 @@ from swarm_ctl.core.model.messages import (
     SigmaReport,
 )
 from swarm_ctl.core.model.plan import GroupPlan, Plan, Point
+from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.station.picture.history import Histories
 from swarm_ctl.station.picture.protection import LOCAL, Protection, protection_words
@@ -204,6 +205,36 @@ class FollowView:
 
 
 @dataclass(frozen=True, slots=True)
+class GroupView:
+    """A group that flies now: an agent is in one of its steps."""
+
+    plan: GroupPlan
+    step: int
+    """The furthest step of its agents; 0 is preparation."""
+    agents: tuple[int, ...]
+    """Those in its steps, but for those that have left the formation."""
+    silent: tuple[int, ...]
+    """Those of them that are lost."""
+    error_m: float | None
+    """Largest |e_i - mean e| of its live agents."""
+    waits_for: tuple[int, ...] = ()
+    """The agents that the others are done before: of its own, or of other groups; () while none of
+    it is done."""
+    waits_s: float | None = None
+    """How long the first of them has waited; None: it does not, or has not told yet since when."""
+
+    @property
+    def name(self) -> str:
+        """As orders have it behind `@`."""
+        return self.plan.name
+
+    @property
+    def step_name(self) -> str:
+        """Of its step."""
+        return self.plan.step_name(self.step)
+
+
+@dataclass(frozen=True, slots=True)
 class SwarmView:
     """Everything a screen may show."""
 
@@ -233,6 +264,8 @@ class SwarmView:
     """The last ones, oldest first."""
     stations: Mapping[str, float]
     """When each station's beacon was last heard, this one included."""
+    groups: tuple[GroupView, ...] = ()
+    """Those that fly now, in the order of the plan."""
     targets: tuple[TargetView, ...] = ()
     """Those of which a word has come."""
     follows: tuple[FollowView, ...] = ()
@@ -297,6 +330,31 @@ class SwarmView:
             for agent in self.agents
             if (agent.state.left is not None if agent.state is not None else agent.id in told)
         )
+
+    def group_now(self, agent_id: int) -> GroupView | None:
+        """In which the agent is now; None: it has left, or is a stranger."""
+        return next((group for group in self.groups if agent_id in group.agents), None)
+
+    def step_of(self, ids: Collection[int]) -> int:
+        """The furthest step of the groups that these agents fly in; of all, where there are
+        none."""
+        steps = (group.step for group in self.groups if not set(ids).isdisjoint(group.agents))
+        return max(steps, default=self.step)
+
+    def beside(self, ids: Collection[int]) -> tuple[int, ...]:
+        """The agents of the groups that fly now without any of these."""
+        apart = (group.agents for group in self.groups if not set(group.agents).intersection(ids))
+        return tuple(sorted(agent for agents in apart for agent in agents))
+
+    def whom(self, ids: Collection[int]) -> str:
+        """These agents in words, by the names of groups where they are all of one: `scouts, agents
+        5-7`."""
+        left, names = set(ids), list[str]()
+        for group in self.groups if len(self.plan.groups) > 1 else ():
+            if group.agents and left.issuperset(group.agents):
+                names.append(group.name)
+                left -= set(group.agents)
+        return ", ".join([*names, *([agents_named(left)] if left or not names else [])])
 
     def agent(self, agent_id: int) -> AgentView:
         """The agent with that id; KeyError where there is none."""

@@ -191,7 +191,7 @@ def test_a_marked_group_forms() -> None:
     [
         (
             "hold @scout",
-            "@scout names no agents and no group; did you mean @scouts?; allowed: @all, @scouts, @s",
+            "@scout names no agents and no group; did you mean @scouts?; allowed: @all, @scouts",
         ),
         ("hold @seven", "no group; allowed: @all, @scouts, @sweepers, @rest, @1,3-5"),
         ("hold @scouts,99", "no agent 99"),

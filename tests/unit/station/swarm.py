@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 
 from swarm_ctl.core.law.graph import neighbours
@@ -34,12 +35,14 @@ from swarm_ctl.core.model.plan import (
     Safety,
     ShapePlan,
 )
+from swarm_ctl.core.model.route import Routes
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.hold import HoldStep
 from swarm_ctl.core.model.steps.land import LandStep
 from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.core.swarm.gain_update import planned
 from swarm_ctl.station.picture.model import Model
+from tests.unit.plans import groups_mission
 
 TABLE_II = {
     1: (14.0, 16.0),
@@ -151,6 +154,27 @@ def report_of(peer: int, distance: float, status: str = "paper", **changes: obje
     """A pair report whose figures keep the law's bounds."""
     made = PairReport(peer, True, status, distance, 0.36, 0.26, 2.12, 2.92, 2.52, 0.41)
     return replace(made, **changes)  # type: ignore[arg-type]
+
+
+def grouped_model(
+    told: Mapping[int, tuple[int, bool]], now_s: float = 60.0, **changes: object
+) -> Model:
+    """The ready mission `groups`: the (step, done) of each agent, as all tell them at `now_s`. The
+    agent that is done has been so for as many seconds as its id; `changes` are of all states."""
+    plan = groups_mission().plan
+    model = Model(plan, station="station-1")
+    for agent, (step, done) in told.items():
+        model.fold(state_of(plan, agent, now_s, step=step, done=done, **changes), now_s)
+        names = Routes(plan).of[agent]
+        steps = [
+            StepResult(names.step_name(k), StepOutcome.DONE, 5.0 * k, 5.0 * k + 4.0)
+            for k in range(step)
+        ]
+        how, end_s = (StepOutcome.DONE, now_s - agent) if done else (StepOutcome.RUNNING, None)
+        steps.append(StepResult(names.step_name(step), how, 5.0 * step, end_s))
+        status = status_of(plan, agent, now_s, step=step, done=done, steps=tuple(steps))
+        model.fold(status, now_s)
+    return model
 
 
 def flying_model(plan: Plan, now_s: float = 30.0, states: int = 200) -> Model:

@@ -17,7 +17,7 @@ from swarm_ctl.core.model.messages import Ack, Command, Event, Phase, VehicleLin
 from swarm_ctl.station.dashboard.app import Dashboard
 from swarm_ctl.station.dashboard.bars import protection_line
 from swarm_ctl.station.dashboard.drawing.picture import Chosen, Picture
-from swarm_ctl.station.dashboard.panes.agent_table import TITLES, in_order
+from swarm_ctl.station.dashboard.panes.agent_table import in_order, titles
 from swarm_ctl.station.dashboard.panes.swarm_pane import SwarmPane
 from swarm_ctl.station.dashboard.themes import DARK, LIGHT, PLAIN
 from swarm_ctl.station.picture.alarms import Level
@@ -497,7 +497,7 @@ def test_light_dark_and_no_colour(monkeypatch: pytest.MonkeyPatch) -> None:
     assert DARK != LIGHT
 
 
-@pytest.mark.parametrize("title", TITLES)
+@pytest.mark.parametrize("title", titles(PLAN))
 def test_sorting_keeps_all_agents_and_puts_the_unknown_last(title: str) -> None:
     model = flying_model(hexagon_plan(6))
     model.fold(status_of(PLAN, 4, 30.0, battery_percent=12.0), 30.0)

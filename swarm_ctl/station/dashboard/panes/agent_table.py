@@ -7,11 +7,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
+from swarm_ctl.commands.parse import group_names
 from swarm_ctl.core.model.messages import AgentStatus, Phase
+from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.text import printable
 from swarm_ctl.station.dashboard.drawing.picture import Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import DASH, LEVEL_STYLE, SIGN, WELL, fit
 from swarm_ctl.station.dashboard.drawing.widgets import CellTable, Heading, WordsView
+from swarm_ctl.station.dashboard.panes.groups import ink, short
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.summaries import flown_order
 from swarm_ctl.station.picture.view import AgentView, SwarmView
@@ -107,13 +110,23 @@ def _age(agent: AgentView, _: SwarmView, width: int) -> tuple[str, str]:
 
 _ID: Final = Heading("id", 4)
 """One cell of it for the mark."""
+
+
+def _group(agent: AgentView, view: SwarmView, _: int) -> tuple[str, str]:
+    group = view.group_now(agent.id)
+    return (short(group.name), ink(view.plan, group.name)) if group is not None else (DASH, "dim")
+
+
 _STEP: Final = AgentColumn(
     Heading("step", 16, left=True), _step, lambda a: a.newest and (a.newest.step, a.id)
 )
+_MODE: Final = AgentColumn(Heading("mode", 9, left=True), _mode, _status(lambda s: s.mode))
+_GROUP: Final = AgentColumn(Heading("group", 9, left=True), _group, lambda a: a.id)
+"""In the place of the mode, where a mission has groups."""
 _COLUMNS: Final[tuple[AgentColumn, ...]] = (
     AgentColumn(Heading("phase", 7, left=True), _phase, lambda a: a.phase),
     _STEP,
-    AgentColumn(Heading("mode", 9, left=True), _mode, _status(lambda s: s.mode)),
+    _MODE,
     AgentColumn(Heading("armed", 5), _armed, _status(lambda s: s.armed)),
     _number("batt%", 5, 0, _status(lambda s: s.battery_percent)),
     _number("up m", 4, 1, _height_m),
@@ -132,13 +145,22 @@ _NARROW: Final = tuple(
     if c.heading.title not in _OF_TICKS
 )
 _KEYS: Final = {"id": lambda a: a.id} | {c.heading.title: c.key for c in _COLUMNS}
-TITLES: Final = tuple(_KEYS)
+
+
+def titles(plan: Plan) -> tuple[str, ...]:
+    """Of the columns that the table can be sorted by."""
+    instead = "group" if group_names(plan) else "mode"
+    return tuple(instead if title == "mode" else title for title in _KEYS)
 
 
 def in_order(picture: Picture) -> list[AgentView]:
     """The agents as the table shows them."""
-    chosen = picture.chosen
-    keyed = [(_KEYS[chosen.sort](agent), agent) for agent in picture.view.agents]
+    chosen, view = picture.chosen, picture.view
+    if chosen.sort == "group":
+        groups = {i: (k, i) for k, group in enumerate(view.groups) for i in group.agents}
+        keyed = [(groups.get(agent.id), agent) for agent in view.agents]
+    else:
+        keyed = [(_KEYS[chosen.sort](agent), agent) for agent in view.agents]
     known = [item for item in keyed if item[0] is not None]
     known.sort(key=lambda item: item[0], reverse=chosen.backwards)
     return [agent for _, agent in known] + [agent for key, agent in keyed if key is None]
@@ -147,13 +169,19 @@ def in_order(picture: Picture) -> list[AgentView]:
 class AgentTable(CellTable):
     """All agents of a picture."""
 
+    titles: tuple[str, ...] = ()
+    """Of the columns that it shows."""
+
     def draw(self, picture: Picture) -> None:
         columns = _COLUMNS if self.room >= _ROOMY else _NARROW
+        if group_names(picture.view.plan):
+            columns = tuple(_GROUP if each is _MODE else each for each in columns)
+        self.titles = ("id", *(column.heading.title for column in columns))
         headings = [_titled(h, picture) for h in (_ID, *(column.heading for column in columns))]
         rest = self.room - sum(heading.width + 1 for heading in headings) - 1
         if rest >= len("alarms"):
             headings.append(Heading("alarms", rest, left=True))
-        levels, names = picture.levels(), _alarm_names(picture)
+        levels, alarms = picture.levels(), _alarm_names(picture)
         innocent = picture.innocent
         agents = in_order(picture)
         rows = {}
@@ -166,7 +194,7 @@ class AgentTable(CellTable):
                 row.append(heading.cell(words, f"{dim} {name}".strip(), click))
             if len(headings) > len(row):
                 row.append(
-                    headings[-1].cell(names.get(agent.id, ""), dim or LEVEL_STYLE[level], click)
+                    headings[-1].cell(alarms.get(agent.id, ""), dim or LEVEL_STYLE[level], click)
                 )
             rows[str(agent.id)] = row
         self.show(tuple(headings), rows)

@@ -41,6 +41,10 @@ SIGNS: Final = f"""
 map | number: agent, ○ slot to fill, dots: the agent's trail, circle: half of r_out (where two
   touch, avoidance begins); red outlines: fence and zones; ◎ target. In the corner: how old the news
   of it is, how far the formation's centre is off its place about it, its height
+groups | a line for each that flies now: its step of how many, agents, how far it is off its
+  shape, … how long it waits and for whom. Each has a colour of its own, in which map and table show
+  its agents while all is well with them; its name stands below them, and in the table in the
+  place of the mode
 from a side | heights above the origin at the left, on a scale of their own
 lines | neighbours; green well, yellow bad or nearly too long, red lost
 table | up: height; error: distance from its place in the shape; nearest: how near which agent is;
@@ -64,7 +68,8 @@ def commands() -> str:
         for kind in KINDS
     ]
     words = "for some agents only: mark them, or 'land @1,3-5'; 'tune plan': the mission's own law"
-    return "\n".join([*lines, f"@ | {words}"])
+    groups = "for a group by its name: 'hold @scouts', 'form vee @scouts', 'land @scouts,7'"
+    return "\n".join([*lines, f"@ | {words}", f"@ | {groups}"])
 
 
 def _explained(text: str) -> Iterable[list[str]]:

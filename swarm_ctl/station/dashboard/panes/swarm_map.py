@@ -19,6 +19,7 @@ from swarm_ctl.core.model.vehicle import Vector3
 from swarm_ctl.station.dashboard.drawing.canvas import Canvas, Floats
 from swarm_ctl.station.dashboard.drawing.picture import Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import LEVEL_STYLE, SIGN, StyledLine
+from swarm_ctl.station.dashboard.panes.groups import ink, inks
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.link_quality import mesh_judgements
 from swarm_ctl.station.picture.view import AgentView, TargetView
@@ -123,6 +124,7 @@ def map_lines(picture: Picture, width: int, height: int) -> list[StyledLine]:
         drawing.circles()
     drawing.trails()
     drawing.slots()
+    drawing.groups()
     drawing.agents()
     drawing.targets()
     drawing.new_zone()
@@ -320,8 +322,13 @@ class _Drawing:
         radius = view.plan.law.r_out * view.plan.unit_m / 2 * self.scale.dots_per_m
         for agent in self.placed.values():
             if agent.phase is not Phase.ENDED and radius >= 3:
-                name = "yellow" if agent.id in near else "blue"
+                name = "yellow" if agent.id in near else self.inks.get(agent.id, "blue")
                 self.canvas.circle(self._dot(agent), radius, name)
+
+    @functools.cached_property
+    def inks(self) -> dict[int, str]:
+        """By agent, the colour of its group."""
+        return inks(self.picture.view)
 
     def _dot(self, agent: AgentView) -> tuple[float, float]:
         """Of one with a position."""
@@ -373,16 +380,28 @@ class _Drawing:
 
     def trails(self) -> None:
         scale, short = self.scale, self.full or len(self.placed) > _LARGE
-        for whole in self.picture.view.histories.trails.values():
+        for agent, whole in self.picture.view.histories.trails.items():
             trail = whole[-_SHORT_TRAIL:] if short else whole
             if len(trail) > 1:
-                self.canvas.dots(*scale.dots(trail), "cyan")
+                self.canvas.dots(*scale.dots(trail), self.inks.get(agent, "cyan"))
 
     def slots(self) -> None:
         for agent in self.picture.view.agents:
             if agent.target_m is not None:
                 x, y = self.scale.dot(agent.target_m, _slot_down_m(agent))
-                self.canvas.words(int(x // 2), int(y // 4), "○", "bold")
+                name = f"bold {self.inks.get(agent.id, '')}".strip()
+                self.canvas.words(int(x // 2), int(y // 4), "○", name)
+
+    def groups(self) -> None:
+        """The name of each, below its agents, for those who see no colours."""
+        view = self.picture.view
+        for group in view.groups:
+            placed = [self._place(self.placed[i]) for i in group.agents if i in self.placed]
+            colour = ink(view.plan, group.name)
+            if placed and colour:
+                column = round(sum(column + width / 2 for column, _, width in placed) / len(placed))
+                row = min(max(row for _, row, _ in placed) + 1, self.canvas.height - 2)
+                self.canvas.words(column - len(group.name) // 2, row, group.name, colour)
 
     def agents(self) -> None:
         """Their ids; on a full map dots, and the ids of those that are marked or have an alarm,
@@ -393,7 +412,8 @@ class _Drawing:
         told |= {i for i, level in levels.items() if level >= Level.WARNING}
         for agent in sorted(self.placed.values(), key=lambda agent: agent.id in told):
             level = levels.get(agent.id, Level.WELL)
-            name = "bold green" if agent.airborne and agent.id not in innocent else "dim"
+            well = f"bold {self.inks.get(agent.id, 'green')}"
+            name = well if agent.airborne and agent.id not in innocent else "dim"
             if agent.id in chosen.marked:
                 name = "bold magenta"
             elif level >= Level.WARNING:

@@ -1,4 +1,4 @@
-"""The swarm screen: the table of agents, the newest of the log, the map."""
+"""The swarm screen: the groups and the table of agents, the newest of the log, the map."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from textual.widget import Widget
 from swarm_ctl.station.dashboard.drawing.picture import Picture
 from swarm_ctl.station.dashboard.drawing.widgets import Painted
 from swarm_ctl.station.dashboard.panes.agent_table import AgentTable
+from swarm_ctl.station.dashboard.panes.groups import group_lines
 from swarm_ctl.station.dashboard.panes.log_pane import EntryLog, passes
 from swarm_ctl.station.dashboard.panes.pane import Pane
 from swarm_ctl.station.dashboard.panes.swarm_map import MapScale, fitted, map_lines
@@ -29,6 +30,7 @@ class SwarmPane(Pane):
 
     def compose(self) -> ComposeResult:
         with Vertical(id="left"):
+            yield Painted("groups")
             yield AgentTable("agents")
             yield EntryLog("recent")
         yield Painted("map")
@@ -49,6 +51,10 @@ class SwarmPane(Pane):
         return fitted(picture, *self.query_one("#map", Painted).room)
 
     def draw(self, picture: Picture) -> None:
+        groups = self.query_one("#groups", Painted)
+        groups.display = len(picture.view.plan.groups) > 1
+        if groups.display:
+            groups.paint(group_lines(picture, groups.room[0]))
         self.query_one(AgentTable).draw(picture)
         recent, drawing = self.query_one(EntryLog), self.query_one("#map", Painted)
         if recent.display and recent.size.width:

@@ -29,9 +29,11 @@ from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.targets import TargetPlan
 from swarm_ctl.station.picture.model import Model
+from tests.unit.plans import REST, SCOUTS, SWEEPERS, groups_mission
 from tests.unit.station.swarm import (
     HEXAGON,
     flying_model,
+    grouped_model,
     hexagon_plan,
     report_of,
     state_of,
@@ -334,3 +336,72 @@ def test_how_far_a_formation_is_off_its_place_about_a_target(ordered: bool) -> N
     assert off_m(20.05, step=4) is None
     assert model.view(20.1).follows == ()
     assert off_m(30.0, **flown) is None
+
+
+AT_RIDGE = {**dict.fromkeys(SCOUTS, (5, True)), **dict.fromkeys(SWEEPERS, (4, False))}
+"""The scouts wait at the ridge for the sweepers."""
+SPLIT = {**AT_RIDGE, **dict.fromkeys(REST, (3, True))}
+
+
+def test_each_group_that_flies_has_its_step_and_those_that_it_waits_for() -> None:
+    """Since its first agent was done: at a barrier for the group that has it on its way, at the
+    join for all others; a group that flies waits for none."""
+    scouts, sweepers, rest = grouped_model(SPLIT).view(61.0).groups
+    assert (scouts.name, scouts.step, scouts.step_name) == ("scouts", 5, "barrier ridge")
+    assert (scouts.agents, scouts.waits_for) == (SCOUTS, SWEEPERS)
+    assert scouts.waits_s == pytest.approx(4.0 + 1.0)
+    assert (sweepers.name, sweepers.step, sweepers.agents) == ("sweepers", 4, SWEEPERS)
+    assert (sweepers.waits_for, sweepers.waits_s) == ((), None)
+    assert (rest.agents, rest.waits_for) == (REST, (*SCOUTS, *SWEEPERS))
+    assert rest.waits_s == pytest.approx(12.0 + 1.0)
+
+
+def test_a_group_waits_for_its_own_who_are_not_done() -> None:
+    (group,) = grouped_model({i: (2, i != 7) for i in range(1, 13)}).view(60.0).groups
+    assert (group.name, group.waits_for) == ("all", (7,))
+
+
+def test_one_that_left_is_in_no_group_and_a_silent_one_is_named() -> None:
+    model = grouped_model(SPLIT)
+    plan = groups_mission().plan
+    model.fold(state_of(plan, 2, 60.05, 2, step=5, left="land", phase=Phase.LAND), 60.05)
+    for agent in (1, *SWEEPERS, *REST):
+        step, done = SPLIT[agent]
+        model.fold(state_of(plan, agent, 63.0, 2, step=step, done=done), 63.0)
+    view = model.view(60.0 + plan.policies.agent_lost_after_s + 1.0)
+    scouts, *_ = view.groups
+    assert (scouts.agents, scouts.silent) == ((1, 3, 4), (3, 4))
+    assert view.group_now(2) is None
+    assert view.group_now(1) == scouts
+    assert view.beside((1,)) == (*SWEEPERS, *REST)
+    assert view.whom((1, 3, 4, 5)) == "scouts, agent 5"
+    assert view.whom((1, 3)) == "agents 1, 3"
+
+
+def test_before_anything_is_heard_the_whole_swarm_prepares() -> None:
+    (group,) = Model(groups_mission().plan).view(0.0).groups
+    assert (group.name, group.step, len(group.agents)) == ("all", 0, 12)
+    assert (group.waits_for, group.waits_s) == ((), None)
+
+
+def test_an_order_to_one_group_changes_no_other_ones_shape() -> None:
+    """The scouts fly an ordered shape, in which each has its own slot; the sweepers' slots are
+    still those of their roles."""
+    plan = groups_mission().plan
+    model = grouped_model(dict.fromkeys(SCOUTS, (4, False)) | dict.fromkeys(SWEEPERS, (4, False)))
+    before = {agent.id: agent.target_m for agent in model.view(60.0).agents}
+    shape = next(shape for shape in plan.shapes if (shape.name, len(shape.slots)) == ("line", 4))
+    form = FormStep("line", shape.slots, 0.5, 5.0, 120.0)
+    order = Command("f1", "form", SCOUTS, 60.0, step=form)
+    model.fold(order, 60.0)
+    for agent in SCOUTS:
+        model.fold(state_of(plan, agent, 60.05, 2, step=4, override=order.tag), 60.05)
+    after = {agent.id: agent.target_m for agent in model.view(60.1).agents}
+    assert all(after[agent] == before[agent] for agent in SWEEPERS)
+    assert all(after[agent] != before[agent] for agent in SCOUTS)
+
+
+def test_a_group_without_a_shape_of_its_own_keeps_its_places_in_the_one_before() -> None:
+    """The rest stand where the block had them."""
+    told = grouped_model(SPLIT, exchange=ExchangeState(role=-1)).view(60.0)
+    assert all(told.agent(agent).error_m is not None for agent in REST)
