@@ -260,6 +260,12 @@ class GroupPlan:
         step = self.step(number)
         return "prepare" if number == 0 else step.title if step is not None else "?"
 
+    def waits_on(self, number: int) -> bool:
+        """It joins in the step of this number as it did in the one before: it has fewer steps than
+        the other groups."""
+        step, before = self.step(number), self.step(number - 1)
+        return step is not None and step.joins and before is not None and before.joins
+
     def formations(self, unit_m: float) -> list[PlannedFormation]:
         """Where the formation is planned to stand before the first step (index 0), and after its
         k-th step (index k, from 1)."""
@@ -290,9 +296,8 @@ class PlannedStep(NamedTuple):
 
     @property
     def waits_on(self) -> bool:
-        """It joins as the step before it did: the group has fewer steps than the others."""
-        before = self.group.step(self.number - 1)
-        return self.step.joins and before is not None and before.joins
+        """As `GroupPlan.waits_on`."""
+        return self.group.waits_on(self.number)
 
 
 @dataclass(frozen=True)  # no slots: it keeps its hash

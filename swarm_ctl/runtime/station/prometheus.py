@@ -12,7 +12,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.runtime.local_server import LocalServer, answer
 from swarm_ctl.station.picture.alarms import RULES, Level, alarms
-from swarm_ctl.station.picture.view import AgentView, SwarmView
+from swarm_ctl.station.picture.view import AgentView, GroupView, SwarmView
 
 _TEXT: Final = "text/plain; version=0.0.4; charset=utf-8"
 
@@ -50,6 +50,12 @@ _OF_AGENT: Final[dict[str, tuple[str, Callable[[AgentView], float | None]]]] = {
     ),
     "states_received": ("States received", lambda agent: agent.link.received),
     "states_lost": ("States lost", lambda agent: agent.link.lost),
+}
+_OF_GROUP: Final[dict[str, tuple[str, Callable[[GroupView], float | None]]]] = {
+    "step": ("The furthest step of a group that flies", lambda group: group.step),
+    "agents": ("Agents that fly in it", lambda group: len(group.agents)),
+    "error_meters": ("The largest distance of one from its place", lambda group: group.error_m),
+    "waits_seconds": ("How long it has waited for others", lambda group: group.waits_s),
 }
 _COUNTERS: Final = ("states_received", "states_lost")
 
@@ -91,6 +97,12 @@ class Metrics:
             return
         yield GaugeMetricFamily("swarm_time_seconds", "Mission time", value=view.time_s)
         yield GaugeMetricFamily("swarm_step", "The furthest step any agent is in", value=view.step)
+        for name, (words, of) in _OF_GROUP.items():
+            family = GaugeMetricFamily(f"swarm_group_{name}", words, labels=("group",))
+            for group in view.groups:
+                if (value := of(group)) is not None:
+                    family.add_metric((group.name,), value)
+            yield family
         yield GaugeMetricFamily("swarm_agents", "Agents of the plan", value=len(view.plan.agents))
         yield CounterMetricFamily("swarm_events", "Events heard", value=view.event_count)
         standing = [alarm.name for alarm in alarms(view)]
@@ -101,8 +113,8 @@ class Metrics:
         yield raised
         for name, (words, value_of) in _OF_AGENT.items():
             kind = CounterMetricFamily if name in _COUNTERS else GaugeMetricFamily
-            family = kind(f"swarm_agent_{name}", words, labels=("agent",))
+            figures = kind(f"swarm_agent_{name}", words, labels=("agent",))
             for agent in view.agents:
                 if (value := value_of(agent)) is not None:
-                    family.add_metric((str(agent.id),), value)
-            yield family
+                    figures.add_metric((str(agent.id),), value)
+            yield figures

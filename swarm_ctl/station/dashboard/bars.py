@@ -84,7 +84,8 @@ def _step_names(view: SwarmView) -> list[str]:
         told = [(g.name, g.step, flown(g, view)) for g in view.groups if g.agents]
         whole = " · ".join(f"{name} {k} {words}" for name, k, words in told)
         short = ", ".join(f"{name} {k} {words.partition(' ')[0]}" for name, k, words in told)
-        return [f"step/{view.plan.last_step}: {whole}", short, step]
+        shortest = ", ".join(f"{name} {k}" for name, k, _ in told)
+        return [f"step/{view.plan.last_step}: {whole}", short, shortest, step]
     name = view.group.step_name(view.step)
     return [f"{step}: {name}", f"{step}: {name.partition(' ')[0]}", step]
 

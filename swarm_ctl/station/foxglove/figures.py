@@ -13,6 +13,8 @@ class AgentFigures:
     """One agent. What is not known is not there."""
 
     id: int
+    group: str | None
+    """That it flies in now."""
     phase: str | None
     step: int | None
     done: bool | None
@@ -38,6 +40,20 @@ class AgentFigures:
     """The oldest news that it has of a near peer."""
     link_loss: float
     """The largest share lost on one of its links from near peers, last 10 s."""
+
+
+@row
+class GroupFigures:
+    """A group that flies now. What is not known is not there."""
+
+    name: str
+    step: int
+    step_name: str
+    agents: tuple[int, ...]
+    error_m: float | None
+    """The largest of its agents."""
+    waits_s: float | None
+    """How long it has waited for others."""
 
 
 @row
@@ -69,6 +85,7 @@ class SwarmFigures:
     link_loss: float
     alarms: int
     """How many stand."""
+    groups: tuple[GroupFigures, ...]
     agents: tuple[AgentFigures, ...]
     targets: tuple[TargetFigures, ...]
 
@@ -88,6 +105,17 @@ def figures(view: SwarmView, alarms: int) -> SwarmFigures:
         loss=max((agent.loss for agent in agents), default=0.0),
         link_loss=max((agent.link_loss for agent in agents), default=0.0),
         alarms=alarms,
+        groups=tuple(
+            GroupFigures(
+                name=group.name,
+                step=group.step,
+                step_name=group.step_name,
+                agents=group.agents,
+                error_m=_rounded(group.error_m),
+                waits_s=_rounded(group.waits_s),
+            )
+            for group in view.groups
+        ),
         agents=agents,
         targets=tuple(
             TargetFigures(target.name, round(target.age_s, 3), _rounded(target.off_m))
@@ -102,8 +130,10 @@ def _figures(agent: AgentView, view: SwarmView) -> AgentFigures:
     losses = (view.histories.links.get((agent.id, peer)) for peer in links)
     ages = (link.age_s for link in links.values() if link.age_s is not None)
     pairs = agent.sigma.pairs if agent.sigma else ()
+    group = view.group_now(agent.id)
     return AgentFigures(
         id=agent.id,
+        group=group.name if group is not None else None,
         phase=told.phase.name.lower() if told else None,
         step=told.step if told else None,
         done=told.done if told else None,

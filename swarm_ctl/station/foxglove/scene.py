@@ -90,12 +90,18 @@ def vehicles(view: SwarmView, now: Time) -> SceneUpdate:
                 f"vehicle {agent.id}",
                 cubes=(CubePrimitive(_HERE, body, color_of(agent)),),
                 cylinders=(disc,),
-                texts=(TextPrimitive(above, True, 14.0, True, _WHITE, str(agent.id)),),
+                texts=(TextPrimitive(above, True, 14.0, True, _WHITE, _label(agent, view)),),
             )
             for agent in view.agents
             if agent.state is not None
         )
     )
+
+
+def _label(agent: AgentView, view: SwarmView) -> str:
+    """Its id, and in a mission with groups the name of its own."""
+    group = view.group_now(agent.id) if len(view.plan.groups) > 1 else None
+    return str(agent.id) if group is None else f"{agent.id} {group.name}"
 
 
 def formation(view: SwarmView, now: Time) -> SceneUpdate:

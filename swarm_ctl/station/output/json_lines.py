@@ -8,7 +8,7 @@ from typing import Any
 
 from swarm_ctl.station.picture.alarms import alarms
 from swarm_ctl.station.picture.summaries import verdict
-from swarm_ctl.station.picture.view import AgentView, CommandView, SwarmView
+from swarm_ctl.station.picture.view import AgentView, CommandView, GroupView, SwarmView
 
 
 def json_line(view: SwarmView) -> str:
@@ -28,7 +28,8 @@ def json_line(view: SwarmView) -> str:
             "level": level.name.lower(),
             "verdict": text,
             "error_m": _rounded(view.error_m),
-            "agents": [_agent(agent) for agent in view.agents],
+            "groups": [_group(group) for group in view.groups],
+            "agents": [_agent(agent, view) for agent in view.agents],
             "alarms": [
                 {"name": a.name, "level": a.level.name.lower(), "agents": a.agents, "text": a.text}
                 for a in standing
@@ -43,10 +44,26 @@ def json_line(view: SwarmView) -> str:
     )
 
 
-def _agent(agent: AgentView) -> dict[str, Any]:
+def _group(group: GroupView) -> dict[str, Any]:
+    """One that flies now; of a mission that never splits, the whole swarm."""
+    return {
+        "name": group.name,
+        "step": group.step,
+        "step_name": group.step_name,
+        "agents": group.agents,
+        "silent": group.silent,
+        "error_m": _rounded(group.error_m),
+        "waits_for": group.waits_for,
+        "waits_s": _rounded(group.waits_s),
+    }
+
+
+def _agent(agent: AgentView, view: SwarmView) -> dict[str, Any]:
     told, state, status = agent.newest, agent.state, agent.status
+    group = view.group_now(agent.id)
     return {
         "id": agent.id,
+        "group": group.name if group is not None else None,
         "phase": agent.phase.name.lower() if agent.phase is not None else None,
         "step": told.step if told else None,
         "done": told.done if told else None,

@@ -12,7 +12,7 @@ from swarm_ctl.core.model.text import agents_named, printable
 from swarm_ctl.station.picture.alarms import Alarm, alarms
 from swarm_ctl.station.picture.protection import MeshKind
 from swarm_ctl.station.picture.summaries import answers, gather_alarms, gather_events, reasons
-from swarm_ctl.station.picture.view import SwarmView
+from swarm_ctl.station.picture.view import GroupView, SwarmView
 
 _FIGURE: Final = re.compile(r"[\d.]+([-, ]+\d+)*")
 
@@ -51,8 +51,23 @@ def _protected(view: SwarmView) -> str:
 
 
 def _step(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:
-    if view.step > (previous.step if previous else 0):
-        yield f"step {view.step}/{view.plan.last_step}: {view.group.step_name(view.step)}"
+    """Of each group that flies now; and for which other groups it begins to wait."""
+    before = {(g.name, g.plan.before): g for g in previous.groups} if previous else {}
+    for group in view.groups:
+        old = before.get((group.name, group.plan.before))
+        who = f"{group.name}: " if len(view.plan.groups) > 1 else ""
+        new = group.step > (old.step if old is not None else group.plan.before)
+        if new and not group.plan.waits_on(group.step):
+            yield f"{who}step {group.step}/{view.plan.last_step}: {group.step_name}"
+        late, was = _late(group), _late(old) if old is not None else frozenset[int]()
+        if late and not (was and old is not None and old.step == group.step):
+            yield f"{who}done with {group.step_name}, waits for {view.whom(late)}"
+
+
+def _late(group: GroupView) -> frozenset[int]:
+    """Those of other groups that it waits for, when all of its own are done."""
+    own = group.plan.members.intersection(group.waits_for)
+    return frozenset() if own else frozenset(group.waits_for)
 
 
 def _phases(previous: SwarmView | None, view: SwarmView) -> Iterator[str]:

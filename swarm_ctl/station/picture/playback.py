@@ -93,7 +93,8 @@ class Film:
         first = _Cursor(Model(plan, speedup=speedup, since_s=times[0], station=station))
         self._keyframes = [_frozen(first)]
         self._here, self._ahead = first, _thawed(self._keyframes[0])
-        self._step = 0
+        self._flown = set[tuple[str, int]]()
+        """The steps of groups that were seen so far."""
         self.time_s = self.start_s
         self.marks: list[Mark] = []
         """What was told up to `known_s`, in order."""
@@ -192,8 +193,9 @@ class Film:
             cursor.scene, cursor.message = cursor.scene + 1, 0
 
     def _mark(self, view: SwarmView, journal: Journal, told: int) -> None:
-        if view.step > self._step:
-            self._step = view.step
+        flown = {(g.name, g.step) for g in view.groups if g.step and not g.plan.waits_on(g.step)}
+        if not flown <= self._flown:
+            self._flown |= flown
             self.marks.append(Mark(view.time_s, EntryKind.STEP, Level.WELL))
         fresh = journal.told - told
         self.marks += [

@@ -8,11 +8,12 @@ from functools import cache
 from typing import Final
 
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
-from swarm_ctl.core.model.messages import Ack, Command, Event, Phase
+from swarm_ctl.core.model.messages import NO_EXCHANGE, Ack, Command, Event, Phase
 from swarm_ctl.core.model.targets import TargetPlan
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.view import SwarmView, TargetView
-from tests.unit.station.swarm import flying_model, hexagon_plan, state_of, status_of
+from tests.unit.plans import REST, SCOUTS, SWEEPERS, groups_mission
+from tests.unit.station.swarm import flying_model, grouped_model, hexagon_plan, state_of, status_of
 
 PLAN: Final = hexagon_plan()
 
@@ -86,6 +87,31 @@ def following() -> SwarmView:
 
 
 @cache
+def groups() -> SwarmView:
+    """The scouts wait at the ridge for the sweepers, who come; the rest wait for all."""
+    told = {**dict.fromkeys(SCOUTS, (5, True)), **dict.fromkeys(SWEEPERS, (4, False))}
+    told |= dict.fromkeys(REST, (3, True))
+    model = grouped_model(told, 50.0)
+    plan, turn = groups_mission().plan, replace(NO_EXCHANGE, role=-1)
+    for agent, (step, done) in told.items():
+        group = plan.group_of(agent, step)
+        k, place = step - group.before, group.ids.index(agent)
+        ways = zip(
+            *(f.places_m() for f in group.formations(plan.unit_m)[k - 1 : k + 1]), strict=True
+        )
+        (north, east), (to_north, to_east) = [*ways][place]
+        for j in range(200):
+            share = 1.0 if done else 0.003 * j
+            at = north + share * (to_north - north), east + share * (to_east - east), -10.0
+            told_at = 50.0 + 0.05 * j
+            state = {"step": step, "done": done, "position_ned_m": at, "exchange": turn}
+            model.fold(state_of(plan, agent, told_at, 2 + j, **state), told_at)
+    for agent in (*SCOUTS, *SWEEPERS):
+        model.fold(Event(agent, 22.0, "info", "step 4: move"), 22.0)
+    return model.view(59.9)
+
+
+@cache
 def ended() -> SwarmView:
     """All down."""
     model = flying_model(PLAN)
@@ -110,6 +136,7 @@ PICTURES: Final[dict[str, Callable[[], SwarmView]]] = {
     "well": well,
     "lost": lost,
     "following": following,
+    "groups": groups,
     "ended": ended,
     "crowd": crowd,
 }

@@ -36,19 +36,28 @@ from swarm_ctl.station.dashboard.drawing.canvas import Canvas
 from swarm_ctl.station.dashboard.drawing.picture import Chosen, NewZone, Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import StyledLine, bar, blocks, fit, gauge
 from swarm_ctl.station.dashboard.drawing.widgets import Heading
+from swarm_ctl.station.dashboard.panes.groups import group_lines, ink
 from swarm_ctl.station.dashboard.panes.link_matrix import METRICS, listener_lines
 from swarm_ctl.station.dashboard.panes.sigma_pane import budget_used
 from swarm_ctl.station.dashboard.panes.swarm_map import SIDES, MapScale, fitted, map_lines, position
+from swarm_ctl.station.foxglove.figures import figures
 from swarm_ctl.station.output.json_lines import json_line
-from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.alarms import Alarm, Level
 from swarm_ctl.station.picture.history import LOSS_WINDOW_S, LinkSeries
 from swarm_ctl.station.picture.link_quality import bad_links, judge, mesh_judgements
 from swarm_ctl.station.picture.model import Model
-from swarm_ctl.station.picture.summaries import flown_order
-from swarm_ctl.station.picture.view import LinkView, SwarmView, TargetView
-from tests.unit.plans import steps_of
+from swarm_ctl.station.picture.summaries import answers, flown_order
+from swarm_ctl.station.picture.view import CommandView, LinkView, SwarmView, TargetView
+from tests.unit.plans import REST, SCOUTS, SWEEPERS, groups_mission, steps_of
 from tests.unit.station.pictures import PICTURES, PLAN
-from tests.unit.station.swarm import flying_model, hexagon_plan, report_of, state_of, status_of
+from tests.unit.station.swarm import (
+    flying_model,
+    grouped_model,
+    hexagon_plan,
+    report_of,
+    state_of,
+    status_of,
+)
 
 
 def _text(canvas: Canvas) -> list[str]:
@@ -285,6 +294,100 @@ def test_json_lines_tell_what_a_script_acts_on() -> None:
         [1, 2, 4, 5],
         ["6"],
     )
+
+
+def test_json_lines_and_figures_tell_each_group() -> None:
+    view = PICTURES["groups"]()
+    told = json.loads(json_line(view))
+    scouts, sweepers, rest = told["groups"]
+    assert (scouts["name"], scouts["step"], scouts["step_name"]) == ("scouts", 5, "barrier ridge")
+    assert (scouts["agents"], scouts["waits_for"]) == ([*SCOUTS], [*SWEEPERS])
+    assert scouts["waits_s"] == pytest.approx(13.9)
+    assert (sweepers["step_name"], sweepers["waits_s"]) == ("move", None)
+    assert rest["waits_for"] == [*SCOUTS, *SWEEPERS]
+    groups = {agent["id"]: agent["group"] for agent in told["agents"]}
+    assert groups == dict.fromkeys(SCOUTS, "scouts") | dict.fromkeys(
+        SWEEPERS, "sweepers"
+    ) | dict.fromkeys(REST, "rest")
+    seen = figures(view, alarms=0)
+    assert [(g.name, g.step, g.agents) for g in seen.groups] == [
+        ("scouts", 5, SCOUTS),
+        ("sweepers", 4, SWEEPERS),
+        ("rest", 3, REST),
+    ]
+    assert [agent.group for agent in seen.agents] == [*groups.values()]
+
+
+@pytest.mark.parametrize("width", [60, 80, 105])
+def test_a_line_for_each_group_with_its_step_and_for_whom_it_waits(width: int) -> None:
+    lines = group_lines(Picture(PICTURES["groups"]()), width)
+    scouts, sweepers, rest = (" ".join(line.text.split()) for line in lines)
+    assert scouts.startswith("scouts 5/11 barrier ridge 1-4 error ")
+    assert scouts.endswith("… 14 s for sweepers")
+    assert sweepers.startswith("sweepers 4/11 move 5-10 error")
+    assert "…" not in sweepers
+    assert rest.endswith("… 22 s for scouts, sweepers")
+
+
+def test_a_mission_that_never_splits_has_no_lines_of_groups() -> None:
+    assert group_lines(Picture(PICTURES["well"]()), 80) == []
+
+
+def test_an_ordered_group_shows_its_order_and_a_silent_one_who_is_silent() -> None:
+    model = grouped_model(dict.fromkeys(range(1, 13), (4, False)))
+    plan, order = groups_mission().plan, Command("h1", "hold", SCOUTS, 60.0)
+    model.fold(order, 60.0)
+    for agent in range(1, 12):
+        tag = order.tag if agent in SCOUTS else 0
+        model.fold(state_of(plan, agent, 70.0, 2, step=4, override=tag), 70.0)
+    view = model.view(70.1)
+    scouts, sweepers, rest = (line.text for line in group_lines(Picture(view), 105))
+    assert "4/11 waits: hold" in scouts
+    assert "waits" not in sweepers
+    assert rest.rstrip().endswith("12 silent")
+    assert "scouts 4 waits: hold · sweepers 4 move" in title_line(Picture(view), 160).text
+
+
+def test_the_title_says_which_group_is_in_which_step() -> None:
+    """On a narrow screen with fewer words."""
+    picture = Picture(PICTURES["groups"]())
+    assert (
+        "scouts 5 barrier ridge · sweepers 4 move · rest 3 join 1" in title_line(picture, 160).text
+    )
+    assert "scouts 5, sweepers 4, rest 3" in title_line(picture, 80).text
+
+
+def test_each_group_has_a_colour_of_its_own_that_means_nothing_else() -> None:
+    """Agents that are well, their trails and their names have it on the map; an alarm's colour and
+    a mark's go before it."""
+    view = PICTURES["groups"]()
+    colours = {group.name: ink(view.plan, group.name) for group in view.groups}
+    assert len({*colours.values()}) == 3
+    assert all(colour.startswith("#") for colour in colours.values())
+    assert ink(view.plan, "all") == ""
+    alarm = Alarm("silent", Level.ERROR, (1,), "agent 1: silent", "silent")
+    picture = Picture(view, (alarm,), chosen=Chosen(marked=frozenset({2})))
+    found = dict[str, str]()
+    for line in map_lines(picture, 100, 40):
+        for segment in line.segments:
+            words = re.findall(r"[a-z]+|[0-9]+", segment.text)
+            found |= dict.fromkeys(words, str(segment.style))
+    assert "red" in found["1"]
+    assert "magenta" in found["2"]
+    for word, name in (("3", "scouts"), ("5", "sweepers"), ("11", "rest")):
+        assert colours[name] in found[word]
+        assert colours[name] in found[name]
+
+
+def test_the_answers_name_the_group_that_an_order_was_for() -> None:
+    view, order = PICTURES["groups"](), Command("h1", "hold", SCOUTS, 59.0)
+    acks = {agent: Ack(agent, "h1", True, "") for agent in SCOUTS}
+    command = CommandView(order, 59.0, acks)
+    line = answers_line(Picture(replace(view, commands=(command,)))).text
+    assert line.split() == ["hold", "@scouts", "✓", "agents", "1-4"]
+    told = answers(command, view)
+    assert told.startswith("hold @scouts: acknowledged by agents 1-4")
+    assert "agents 5-12 fly on, and where the groups meet they wait for them 120 s" in told
 
 
 def test_slots_are_laid_under_the_live_agents() -> None:

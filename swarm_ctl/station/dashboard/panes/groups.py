@@ -14,7 +14,7 @@ from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.summaries import flown_order
 from swarm_ctl.station.picture.view import GroupView, SwarmView
 
-_INKS: Final = ("#4f8fe8", "#c07830", "#9068d8", "#2f9c94", "#d0689a", "#7f8a94")
+_INKS: Final = ("#4f8fe8", "#2f9c94", "#9a72e8", "#a08a70", "#d0689a", "#7f8a94")
 """None of the sixteen colours: those tell of states. All can be read on black and on white."""
 _LONGEST: Final = 9
 """Cells of a group's name."""

@@ -18,11 +18,15 @@ pytestmark = pytest.mark.foreign
 
 
 def _scrape(port: int) -> dict[tuple[str, str], float]:
-    """(name, agent or alarm) -> value."""
+    """(name, agent, alarm or group) -> value."""
     with urllib.request.urlopen(f"http://{HOST}:{port}/metrics") as answer:
         families = list(text_string_to_metric_families(answer.read().decode()))
     samples = (sample for family in families for sample in family.samples)
-    return {(s.name, s.labels.get("agent", s.labels.get("name", ""))): s.value for s in samples}
+    label = ("agent", "name", "group")
+    return {
+        (s.name, next((s.labels[name] for name in label if name in s.labels), "")): s.value
+        for s in samples
+    }
 
 
 def test_a_scrape_gets_the_newest_view() -> None:
@@ -39,6 +43,19 @@ def test_a_scrape_gets_the_newest_view() -> None:
     assert found["swarm_agent_battery_ratio", "4"] == pytest.approx(0.87)
     assert found["swarm_agent_states_received_total", "3"] == 200
     assert found["swarm_time_seconds", ""] == 34.0
+
+
+def test_each_group_has_a_step_of_its_own() -> None:
+    (port,) = free_ports(1, socket.SOCK_STREAM)
+    with Metrics(port) as metrics:
+        metrics.take(PICTURES["groups"]())
+        found = _scrape(port)
+    groups = {"scouts": (5, 4), "sweepers": (4, 6), "rest": (3, 2)}
+    for name, (step, agents) in groups.items():
+        assert found["swarm_group_step", name] == step
+        assert found["swarm_group_agents", name] == agents
+    assert found["swarm_group_waits_seconds", "scouts"] == pytest.approx(13.9)
+    assert ("swarm_group_waits_seconds", "sweepers") not in found
 
 
 def test_a_taken_port_is_refused_with_words() -> None:

@@ -11,8 +11,10 @@ from swarm_ctl.core.model.messages import Ack, Command, Event, Phase
 from swarm_ctl.station.output.log_lines import log_lines
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.protection import MeshKind, Protection
+from swarm_ctl.station.picture.view import SwarmView
+from tests.unit.plans import REST, SCOUTS, SWEEPERS
 from tests.unit.station.pictures import PICTURES
-from tests.unit.station.swarm import flying_model, hexagon_plan, state_of, status_of
+from tests.unit.station.swarm import flying_model, grouped_model, hexagon_plan, state_of, status_of
 
 PLAN = hexagon_plan()
 
@@ -169,3 +171,42 @@ def test_reasons_that_differ_in_the_vehicles_id_alone_are_one_line_and_told_once
     lines = [line for a, b in itertools.pairwise(views) for line in log_lines(a, b)]
     told = [line.partition("] ")[2] for line in lines if "heartbeat" in line]
     assert told == ["agents 1-6: no heartbeat yet from sysid 11-16"]
+
+
+def test_the_steps_of_each_group_are_told_and_for_whom_it_waits() -> None:
+    """Each once, whatever the others do; not the joins that only fill a shorter group's list."""
+
+    def seen(**steps: tuple[int, bool]) -> SwarmView:
+        members = {"scouts": SCOUTS, "sweepers": SWEEPERS, "rest": REST}
+        told = {agent: at for name, at in steps.items() for agent in members[name]}
+        return grouped_model(told).view(60.0)
+
+    views = [
+        grouped_model(dict.fromkeys(range(1, 13), (2, True))).view(60.0),
+        seen(scouts=(3, False), sweepers=(3, False), rest=(3, True)),
+        seen(scouts=(4, False), sweepers=(3, False), rest=(3, True)),
+        seen(scouts=(5, True), sweepers=(3, True), rest=(3, True)),
+        seen(scouts=(5, True), sweepers=(4, False), rest=(3, True)),
+        seen(scouts=(7, True), sweepers=(8, True), rest=(4, True)),
+        seen(scouts=(8, True), sweepers=(8, True), rest=(8, True)),
+        grouped_model(dict.fromkeys(range(1, 13), (9, False))).view(60.0),
+    ]
+    said = [
+        [w[12:] for w in log_lines(a, b) if "step" in w or "waits" in w]
+        for a, b in itertools.pairwise(views)
+    ]
+    waits = "rest: done with join 1, waits for scouts, sweepers"
+    assert said == [
+        [
+            "scouts: step 3/11: form wedge",
+            "sweepers: step 3/11: form line",
+            "rest: step 3/11: join 1",
+            waits,
+        ],
+        ["scouts: step 4/11: move"],
+        ["scouts: step 5/11: barrier ridge", "scouts: done with barrier ridge, waits for sweepers"],
+        ["sweepers: step 4/11: move"],
+        ["scouts: step 7/11: join 1", "sweepers: step 8/11: join 1"],
+        [],
+        ["all: step 9/11: form ring"],
+    ]
