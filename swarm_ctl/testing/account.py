@@ -18,7 +18,16 @@ def account(flight: SwarmFlight) -> str:
 
 def _steps(flight: SwarmFlight) -> Iterator[str]:
     plan, statuses = flight.plan, flight.statuses()
-    names = [(group, k, group.step_name(k)) for group in plan.groups for k in group.told_steps]
+    names = [
+        (
+            group,
+            k,
+            f"{group.name} {group.step_name(k)}" if len(plan.groups) > 1 else group.step_name(k),
+        )
+        for group in plan.groups
+        for k in group.told_steps
+        if not group.waits_on(k)
+    ]
     wide = max(len(name) for _, _, name in names)
     yield f"step {'':{wide}}  from [s]    to [s]  agents"
     for group, k, name in names:

@@ -89,16 +89,22 @@ def _headline(run: RunFolder, found: list[Finding]) -> str:
     first, *others = found
     agents = {agent for finding in others for agent in finding.agents}
     more = f" (and {len(others)} more: {agents_named(agents)})" if others else ""
-    return f"{first.text}, {_step_at(run, first)}{more}"
+    return f"{first.text}, {step_at(run, first)}{more}"
 
 
-def _step_at(run: RunFolder, found: Finding) -> str:
-    own = [group for group in run.groups if found.agents[0] in group.plan.ids]
-    begun = [(k, g) for g in own for k in g.begun if g.start_s(k) <= found.time_s]
-    if not begun:
-        return "before the first step"
-    k, group = begun[-1]
-    return f"in step {k} ({group.plan.step_name(k)})"
+def step_at(run: RunFolder, found: Finding) -> str:
+    """In which step its agents were, with their groups where the mission has several: `in step 3
+    (form wedge) of scouts and step 4 (move) of sweepers`."""
+    told = dict[str, None]()
+    for agent in found.agents:
+        own = [group for group in run.groups if agent in group.plan.ids]
+        begun = [(k, g) for g in own for k in g.begun if g.start_s(k) <= found.time_s]
+        for k, group in begun[-1:]:
+            whose = f" of {group.plan.name}" if len(run.groups) > 1 else ""
+            told[f"step {k} ({group.plan.step_name(k)}){whose}"] = None
+        if len(run.groups) == 1:
+            break  # all are in the step of the first
+    return f"in {' and '.join(told)}" if told else "before the first step"
 
 
 # --- pairs ---

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -29,7 +28,7 @@ from swarm_ctl.report.judge.distances import (
     zone_distances,
 )
 from swarm_ctl.report.judge.doubts import doubts
-from swarm_ctl.report.judge.findings import find, headlines
+from swarm_ctl.report.judge.findings import Finding, find, headlines, step_at
 from swarm_ctl.report.judge.summary import (
     AgentSummary,
     FindingSummary,
@@ -125,7 +124,7 @@ def summary_of(
         reason=reason,
         cause=cause,
         left=_left(run),
-        findings=tuple(FindingSummary(**asdict(finding)) for finding in findings),
+        findings=tuple(_finding(run, finding) for finding in findings),
         judged_by=dict(zip(run.agents, run.flight.sources, strict=True)) if run.flight else {},
         protection=_protection(run),
         steps=steps,
@@ -145,6 +144,12 @@ def summary_of(
         warnings=(*doubts(run, pairs), *_slow(run, cause), *troubles),
         notes=tuple(run.notes),
     )
+
+
+def _finding(run: RunFolder, found: Finding) -> FindingSummary:
+    """In a mission with groups, with those that the agents were in."""
+    where = f", {step_at(run, found)}" if len(run.groups) > 1 else ""
+    return FindingSummary(**asdict(found) | {"text": f"{found.text}{where}"})
 
 
 def _protection(run: RunFolder) -> ProtectionSummary | None:
@@ -213,16 +218,17 @@ def _of_manifest(manifest: Manifest | None) -> dict[str, Any]:
 
 
 def _steps(run: RunFolder) -> tuple[StepSummary, ...]:
-    return tuple(_step(run, group, k) for group in run.groups for k in group.plan.told_steps)
+    told = [(group, k) for group in run.groups for k in group.plan.told_steps]
+    return tuple(_step(run, group, k) for group, k in told if not group.plan.waits_on(k))
 
 
 def _first_forming_s(run: RunFolder, steps: Sequence[StepSummary]) -> float | None:
     """Of the first form step; of several groups, the slowest."""
-    rest, found = iter(steps), list[float | None]()
-    for group in run.groups:
-        own = list(itertools.islice(rest, len(group.plan.told_steps)))
-        if not group.plan.before:
-            found += [own[k].time_to_form_s for k in group.form_steps[:1]]
+    first = [(g.plan.name, k) for g in run.groups if not g.plan.before for k in g.form_steps[:1]]
+    found = [
+        next(each.time_to_form_s for each in steps if each.step == k and each.group in ("", name))
+        for name, k in first
+    ]
     known = [each for each in found if each is not None]
     return max(known) if known and len(known) == len(found) else None
 
@@ -245,6 +251,7 @@ def _step(run: RunFolder, group: FlownGroup, k: int) -> StepSummary:
         end_s=max((found.end_s for found in reached if found.end_s is not None), default=None),
         exceptions=undone if reached else {},
         time_to_form_s=_time_to_form(run, group, k, start_s),
+        **({"group": group.plan.name, "agents": group.plan.ids} if len(run.groups) > 1 else {}),
     )
 
 

@@ -43,7 +43,8 @@ class _SummaryPart(BaseModel):
 
 
 class StepSummary(_SummaryPart):
-    """One step of the plan, over all agents. Times are mission seconds."""
+    """One step of the plan, over all agents that fly it. A group that joins early has one step for
+    its wait. Times are mission seconds."""
 
     step: int
     """0 is preparation."""
@@ -59,6 +60,10 @@ class StepSummary(_SummaryPart):
     time_to_form_s: float | None = None
     """Of a form step: from `start_s` until the error stays below the tolerance for the settle
     time."""
+    group: str = ""
+    """Whose step it is, in a mission that splits into groups; else ''."""
+    agents: tuple[int, ...] = ()
+    """Of that group."""
 
 
 class AgentSummary(_SummaryPart):

@@ -9,6 +9,8 @@ from typing import Final, NamedTuple
 
 from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.messages import AgentStatus, Outcome, StepOutcome
+from swarm_ctl.core.model.plan import EVERYONE, Plan
+from swarm_ctl.core.model.route import Routes
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.report.folder.files import first_few
 from swarm_ctl.report.folder.last_statuses import LastStatus
@@ -86,14 +88,14 @@ def judge(
         and len(final) == len(agents)
         and _ORDERLY.issuperset(exit_codes.values())
     ):
-        reasons = _grouped({i: s.reason or "on command" for i, s in aborted.items()})
+        reasons = _grouped(run.plan, {i: (s, s.reason or "on command") for i, s in aborted.items()})
         cause = next((s.cause for s in aborted.values() if s.cause), Cause.ORDER)
         if ending is not None:
-            others = {i: s.reason for i, s in aborted.items() if s.cause not in _OF_ENDING}
-            reasons = [f"{ending.words}: all landed", *_grouped(others)]
+            others = {i: (s, s.reason) for i, s in aborted.items() if s.cause not in _OF_ENDING}
+            reasons = [f"{ending.words}: all landed", *_grouped(run.plan, others)]
         return Verdict(Outcome.ABORTED, first_few(reasons), cause)
     causes = [(Cause.FINDING, text) for text in found]
-    causes += [*_broken(agents, last, final, exit_codes), *_complaints(stayed)]
+    causes += [*_broken(agents, last, final, exit_codes), *_complaints(run.plan, stayed)]
     causes += [
         (Cause.PROCESS, f"{name} exited with {code}")
         for name, code in exit_codes.items()
@@ -170,7 +172,7 @@ def _broken(
             yield Cause.PROCESS, f"agent {i} left no final status; {words}"
 
 
-def _complaints(final: Mapping[int, AgentStatus]) -> Iterator[tuple[Cause, str]]:
+def _complaints(plan: Plan | None, final: Mapping[int, AgentStatus]) -> Iterator[tuple[Cause, str]]:
     """Why agents did not complete, each reason once; the cause first, with its step, then the
     agents that followed it. An agent that failed exits with 1: its status says more."""
     incomplete = [s for s in final.values() if s.outcome is not Outcome.COMPLETED]
@@ -182,8 +184,20 @@ def _complaints(final: Mapping[int, AgentStatus]) -> Iterator[tuple[Cause, str]]
         first, where = same[0], ""
         if k == 0 and first.steps and first.cause is not Cause.TIMEOUT:  # that one names its step
             where = f", in step {len(first.steps) - 1} ({first.steps[-1].name})"
-        agents = agents_named(status.agent for status in same)
-        yield first.cause or Cause.VEHICLE, f"{agents}: {why}{where}"
+        yield first.cause or Cause.VEHICLE, f"{_who(plan, same)}: {why}{where}"
+
+
+def _who(plan: Plan | None, statuses: Sequence[AgentStatus]) -> str:
+    """`agents 1-3`, or `group scouts (agents 1-3)` where they broke off as agents of one."""
+    agents = agents_named(status.agent for status in statuses)
+    if plan is None:
+        return agents
+    routes = Routes(plan).of
+    names = {
+        routes[s.agent].group(len(s.steps) - 1).name if s.agent in routes else EVERYONE
+        for s in statuses
+    }
+    return agents if len(names) > 1 or EVERYONE in names else f"group {names.pop()} ({agents})"
 
 
 def _broken_s(status: AgentStatus) -> float:
@@ -199,12 +213,12 @@ def _complaint(status: AgentStatus) -> str:
     return f"{status.outcome}: {status.reason}" if status.reason else str(status.outcome)
 
 
-def _grouped(reasons: Mapping[int, str]) -> Iterable[str]:
+def _grouped(plan: Plan | None, reasons: Mapping[int, tuple[AgentStatus, str]]) -> Iterable[str]:
     """`agents 1-3: why`, each reason once."""
-    by_reason: dict[str, list[int]] = {}
-    for i, reason in reasons.items():
-        by_reason.setdefault(reason, []).append(i)
-    return [f"{agents_named(ids)}: {reason}" for reason, ids in by_reason.items()]
+    by_reason: dict[str, list[AgentStatus]] = {}
+    for status, reason in reasons.values():
+        by_reason.setdefault(reason, []).append(status)
+    return [f"{_who(plan, same)}: {reason}" for reason, same in by_reason.items()]
 
 
 def _signal(code: int) -> str:

@@ -33,7 +33,8 @@ def junit(summary: Summary) -> str:
 
 def _step(suite: Xml.Element, step: StepSummary) -> None:
     lasted = (step.end_s or 0.0) - step.start_s if step.start_s is not None else 0.0
-    case = _case(suite, f"{step.step} {step.name}", max(0.0, lasted))
+    group = f" of {step.group}" if step.group else ""
+    case = _case(suite, f"{step.step} {step.name}{group}", max(0.0, lasted))
     if step.result is StepVerdict.SKIPPED:
         Xml.SubElement(case, "skipped", message="by the operator's next")
     elif step.result is not StepVerdict.DONE:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.model.geometry import mean_of
-from swarm_ctl.core.model.plan import Plan, PlannedStep, Point
+from swarm_ctl.core.model.plan import EVERYONE, Plan, PlannedStep, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.errors import InputError
 
@@ -73,13 +74,21 @@ def _draw_zones(plan: Plan, axes: Any) -> None:
 
 
 def _draw_steps(plan: Plan, axes: Any) -> None:
-    """Shapes are drawn where the centre is planned to be: the law alone keeps it only roughly."""
+    """Shapes are drawn where the centre is planned to be: the law alone keeps it only roughly. In a
+    mission with groups each has a colour of its own, the whole swarm's is black."""
+    from swarm_ctl.report.page.drawing import COLOURS
+
+    names = dict.fromkeys(group.name for group in plan.groups if group.name != EVERYONE)
+    colours = {EVERYONE: "k"} | dict(zip(names, itertools.cycle(COLOURS[:-1]), strict=False))
     for at in plan.all_steps():
-        label = f"{at.number} {at.name}{'' if at.step.file is None else ' in file'}"
+        whose = f"{at.group.name}: " if names else ""
+        style = {"color": colours[at.group.name]} if names else {}
+        label = f"{whose}{at.number} {at.name}{'' if at.step.file is None else ' in file'}"
         if way_m := at.step.way_m:
-            axes.plot(*_east_north([at.before.centre_m, *way_m]), lw=1.5, label=label)
+            axes.plot(*_east_north([at.before.centre_m, *way_m]), lw=1.5, label=label, **style)
         elif at.step.new_shape is not None or at.step.spins:
-            axes.scatter(*_east_north(at.after.places_m()), marker="x", label=label, zorder=2)
+            places = _east_north(at.after.places_m())
+            axes.scatter(*places, marker="x", label=label, zorder=2, **style)
             if at.after.ups_m:
                 _name_heights(at, axes)
 

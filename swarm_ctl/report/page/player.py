@@ -18,6 +18,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from swarm_ctl.core.model.plan import EVERYONE
 from swarm_ctl.core.model.text import printable
 from swarm_ctl.report.folder.flight import Flight
 from swarm_ctl.report.folder.truth import Floats
@@ -182,11 +183,25 @@ def _curves(history: RunHistory) -> dict[str, str]:
 
 
 def _steps(history: RunHistory) -> list[dict[str, Any]]:
-    return [
-        {"t": round(group.start_s(k), 3), "text": group.plan.step_name(k)}
-        for group in history.run.groups
+    """Each beginning of a step, with the steps of all groups then: `scouts move, sweepers hold`."""
+    begun = sorted(
+        (group.start_s(k), number, k)
+        for number, group in enumerate(history.run.groups)
         for k in group.begun
-    ]
+        if not group.plan.waits_on(k)
+    )
+    found, now = dict[float, str](), dict[int, str]()
+    for start_s, number, k in begun:
+        flown = history.run.groups[number].plan
+        # who flies on in another group flies no more in the one before
+        for other in [n for n in now if n < number]:
+            before = history.run.groups[other].plan
+            if before.last < flown.before + 1 and before.members & flown.members:
+                del now[other]
+        name = "" if flown.name == EVERYONE else f"{flown.name} "
+        now[number] = f"{name}{flown.step_name(k)}"
+        found[round(start_s, 3)] = ", ".join(now[n] for n in sorted(now))
+    return [{"t": at_s, "text": text} for at_s, text in found.items()]
 
 
 def _mark(entry: JournalLine) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from swarm_ctl.core.model.messages import Outcome
+from swarm_ctl.core.model.plan import EVERYONE
 from swarm_ctl.core.model.text import agents_named, printable, ranges
 from swarm_ctl.core.swarm.hearing import mesh_words
 from swarm_ctl.report.folder.flight import TrackSource
@@ -49,7 +50,7 @@ def brief(summary: Summary) -> Group:
     lines = [_opening(summary), _way(summary)]
     formed = [each for each in summary.steps if each.time_to_form_s is not None]
     if formed:
-        told = ", ".join(f"{printable(s.name)} {s.time_to_form_s:.1f} s" for s in formed[:_FORMS])
+        told = ", ".join(f"{_called(s)} {s.time_to_form_s:.1f} s" for s in formed[:_FORMS])
         more = f", and {len(formed) - _FORMS} more" if len(formed) > _FORMS else ""
         lines.append(Text(f"formed after: {told}{more}"))
     for name, value, good in (*_nearest(summary), *_longest(summary)):
@@ -91,18 +92,34 @@ def _way(summary: Summary) -> Text:
     undone = [s for s in summary.steps if s.result is not StepVerdict.DONE]
     flown = [s for s in summary.steps if s.step]
     if not undone:
-        took = [(printable(s.name), _took_s(s)) for s in flown]
+        took = [(_called(s), _took_s(s)) for s in flown]
         each = ", ".join(f"{name} {s:.1f} s" for name, s in took if s is not None)
         return Text(f"steps done: {each if len(each) <= _STEPS else len(flown)}")
     told = [
-        f"{s.step or ''} {printable(s.name)} {s.result}".lstrip() + _unlike(s, len(summary.agents))
+        f"{s.step or ''} {_called(s)} {s.result}".lstrip()
+        + _unlike(s, len(s.agents or summary.agents))
         for s in undone
         if _begun(s)
     ]
-    unreached = [s.step for s in flown if not _begun(s)]
-    told += [f"not reached: {ranges(unreached)}"] if unreached else []
+    unreached = dict[str, list[int]]()
+    for step in flown:
+        if not _begun(step):
+            unreached.setdefault(_whose(step), []).append(step.step)
+    if unreached:
+        lists = (f"{name}{ranges(numbers)}" for name, numbers in unreached.items())
+        told.append(f"not reached: {', '.join(lists)}")
     done = sum(s.result is StepVerdict.DONE for s in flown)
     return Text(f"steps: {done} of {len(flown)} done; {'; '.join(told)}")
+
+
+def _whose(step: StepSummary) -> str:
+    """`scouts `, of a step of a group beside others; else ''."""
+    return "" if step.group in ("", EVERYONE) else f"{printable(step.group)} "
+
+
+def _called(step: StepSummary) -> str:
+    """The step's name, with its group where it is one beside others."""
+    return f"{_whose(step)}{printable(step.name)}"
 
 
 def _begun(step: StepSummary) -> bool:
@@ -142,6 +159,9 @@ def _heading(summary: Summary) -> Text:
 
 def _steps(summary: Summary) -> Table:
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+    groups = any(step.group for step in summary.steps)
+    if groups:
+        table.add_column("group")
     table.add_column("step")
     table.add_column("result")
     table.add_column(Text("from [s]"), justify="right")
@@ -149,6 +169,7 @@ def _steps(summary: Summary) -> Table:
     table.add_column("not done")
     for step in summary.steps:
         table.add_row(
+            *[Text(printable(step.group))] * groups,
             Text(printable(step.name)),
             Text(step.result, style=_STEP_STYLE.get(step.result, "red")),
             _number(step.start_s, 1),
@@ -185,7 +206,7 @@ def _rows(s: Summary) -> Iterator[tuple[str, str, bool]]:
     if s.left:
         yield "left by order", left_words(s).removeprefix("without "), True
     formed = ", ".join(
-        f"{printable(each.name).removeprefix('form ')} {each.time_to_form_s:.1f} s"
+        f"{_whose(each)}{printable(each.name).removeprefix('form ')} {each.time_to_form_s:.1f} s"
         for each in s.steps
         if each.time_to_form_s is not None
     )

@@ -306,9 +306,8 @@ def test_json_lines_and_figures_tell_each_group() -> None:
     assert (sweepers["step_name"], sweepers["waits_s"]) == ("move", None)
     assert rest["waits_for"] == [*SCOUTS, *SWEEPERS]
     groups = {agent["id"]: agent["group"] for agent in told["agents"]}
-    assert groups == dict.fromkeys(SCOUTS, "scouts") | dict.fromkeys(
-        SWEEPERS, "sweepers"
-    ) | dict.fromkeys(REST, "rest")
+    of = {"scouts": SCOUTS, "sweepers": SWEEPERS, "rest": REST}
+    assert groups == {agent: name for name, ids in of.items() for agent in ids}
     seen = figures(view, alarms=0)
     assert [(g.name, g.step, g.agents) for g in seen.groups] == [
         ("scouts", 5, SCOUTS),
