@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TypeAlias
@@ -161,22 +161,24 @@ class SwarmFlight(ABC):
         """Let a moment go by: a tick in lockstep and on the virtual clock, else 20 ms."""
 
     @abstractmethod
-    def reached(self, step: int) -> bool:
-        """Every live agent is in this step or beyond."""
+    def reached(self, step: int, agents: Collection[int] = ()) -> bool:
+        """Every live agent, of these where some are named, is in this step or beyond."""
 
     @abstractmethod
     def view(self) -> SwarmView:
         """The swarm now, as a ground station knows it; it has heard nothing before the first
         call."""
 
-    def wait_step(self, step: int | str, within_s: float = 300.0) -> None:
-        """Wait until every live agent is in this step or beyond: its number from 1 (0: preparing),
-        or its name as on screens, `form vee`. FlightError when that takes longer, or when the
-        flight ends before; ValueError when there is no such step.
+    def wait_step(self, step: int | str, within_s: float = 300.0, *, group: str = "") -> None:
+        """Wait until every live agent, or each of a group, is in this step or beyond: its number
+        from 1 (0: preparing), or its name as on screens, `form vee`, of the group's steps the first
+        of that name. FlightError when that takes longer, or when the flight ends before; ValueError
+        when there is no such step, InputError when there is no such group.
         """
         __tracebackhide__ = True
-        number, until = self.step_number(step), self.now + within_s
-        while not self.reached(number):
+        number, until = self.step_number(step, group), self.now + within_s
+        agents = self.members(group)
+        while not self.reached(number, agents):
             if self.now > until or self.over:
                 raise FlightError(
                     f"step {step!r} was not reached within {within_s:g} s; {self.where}"
@@ -295,10 +297,19 @@ class SwarmFlight(ABC):
             raise ValueError(f"no agent {agent}; allowed: {ranges(ids)}")
         return agent
 
-    def step_number(self, step: int | str) -> int:
-        """The number of the first step of this name; ValueError lists the names."""
+    def members(self, group: str) -> tuple[int, ...]:
+        """The agents of a group, `@scouts`; () of all. InputError lists the groups."""
+        _, names = addressed([group] if group else [], self.plan)
+        found = {i for each in self.plan.groups if each.name in names for i in each.ids}
+        return tuple(sorted(found))
+
+    def step_number(self, step: int | str, group: str = "") -> int:
+        """The number of the first step of this name, in all or in a group; ValueError lists the
+        names."""
         __tracebackhide__ = True
-        told = [(group.step_name(k), k) for group in self.plan.groups for k in group.told_steps]
+        _, whose = addressed([group] if group else [], self.plan)
+        groups = [each for each in self.plan.groups if each.name in whose or not whose]
+        told = [(each.step_name(k), k) for each in groups for k in each.told_steps]
         names, last = dict(reversed(told)), self.plan.last_step
         if step not in (*names, *range(last + 1)):
             numbers = f"0 to {last}, or {', '.join(dict.fromkeys(name for name, _ in told))}"

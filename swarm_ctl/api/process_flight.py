@@ -9,7 +9,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import IO
 
@@ -148,9 +148,9 @@ class ProcessFlight(SwarmFlight):
         self._signal_struck()
         self.observed()
 
-    def reached(self, step: int) -> bool:
-        states = self._mesh.newest()
-        return len(states) > 0 and all(state.step >= step for state in states.values())
+    def reached(self, step: int, agents: Collection[int] = ()) -> bool:
+        states = [s for i, s in self._mesh.newest().items() if i in agents or not agents]
+        return len(states) > 0 and all(state.step >= step for state in states)
 
     def view(self) -> SwarmView:
         return self._mesh.view()

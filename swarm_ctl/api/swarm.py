@@ -72,11 +72,11 @@ class Swarm:
 
     # --- waiting ---
 
-    def step(self, step: int | str, within_s: float = _STEP_S) -> None:
-        """Wait until every live agent is in this step or beyond: its number from 1, or its name
-        (`form hexagon`). FlightError when that takes longer or the flight ends before; ValueError
-        lists the steps where there is no such one."""
-        self.flight.wait_step(step, within_s)
+    def step(self, step: int | str, within_s: float = _STEP_S, *, group: str = "") -> None:
+        """Wait until every live agent, or each of a group (`"@scouts"`), is in this step or beyond:
+        its number from 1, or its name (`form hexagon`). FlightError when that takes longer or the
+        flight ends before; ValueError lists the steps where there is no such one."""
+        self.flight.wait_step(step, within_s, group=group)
 
     def wait(self, seconds: float) -> None:
         """Let the swarm fly for so long."""
@@ -224,11 +224,12 @@ class AsyncSwarm:
         """What is flown: `agents`, `steps`, `law`, ..."""
         return self._swarm.plan
 
-    async def step(self, step: int | str, within_s: float = _STEP_S) -> None:
+    async def step(self, step: int | str, within_s: float = _STEP_S, *, group: str = "") -> None:
         """`Swarm.step`."""
-        number, flight = self._flight.step_number(step), self._flight
+        flight = self._flight
+        number, agents = flight.step_number(step, group), flight.members(group)
         end = await self._do(lambda: flight.now) + within_s
-        while not await self._do(lambda: flight.reached(number)):
+        while not await self._do(lambda: flight.reached(number, agents)):
             if not await self._turned_before(end):
                 why = f"step {step!r} was not reached within {within_s:g} s"
                 raise FlightError(f"{why}; {flight.where}")

@@ -4,7 +4,7 @@ processes in lockstep fly it."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Final
 
 from swarm_ctl.api.flight import FlightError, FlightResult, SwarmFlight
@@ -63,8 +63,9 @@ class VirtualFlight(SwarmFlight):
         while self.now < until:  # vehicles fly on without their agents
             self.turn()
 
-    def reached(self, step: int) -> bool:
-        live = [m for m in self.swarm.members.values() if m.alive and not m.frozen]
+    def reached(self, step: int, agents: Collection[int] = ()) -> bool:
+        members = self.swarm.members.items()
+        live = [m for i, m in members if m.alive and not m.frozen and (i in agents or not agents)]
         return bool(live) and all(m.status is not None and m.status.step >= step for m in live)
 
     @property

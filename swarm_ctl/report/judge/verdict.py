@@ -95,7 +95,7 @@ def judge(
             reasons = [f"{ending.words}: all landed", *_grouped(run.plan, others)]
         return Verdict(Outcome.ABORTED, first_few(reasons), cause)
     causes = [(Cause.FINDING, text) for text in found]
-    causes += [*_broken(agents, last, final, exit_codes), *_complaints(run.plan, stayed)]
+    causes += [*_broken(run, final, exit_codes), *_complaints(run.plan, stayed)]
     causes += [
         (Cause.PROCESS, f"{name} exited with {code}")
         for name, code in exit_codes.items()
@@ -154,22 +154,21 @@ def _made_good(last: LastStatus) -> bool:
 
 
 def _broken(
-    agents: Sequence[int],
-    last: Mapping[int, LastStatus],
-    final: Mapping[int, AgentStatus],
-    exit_codes: Mapping[str, int],
+    run: RunFolder, final: Mapping[int, AgentStatus], exit_codes: Mapping[str, int]
 ) -> Iterator[tuple[Cause, str]]:
     """Processes that were ended, and agents that left no account."""
     for name, code in exit_codes.items():
         if code < 0:
             yield Cause.PROCESS, f"{name} was ended by {_signal(code)}"
-    for i in agents:
-        if i not in last:
+    for i in run.agents:
+        if i not in run.last:
             yield Cause.PROCESS, f"agent {i} left no status"
         elif i not in final:
-            heard = last[i].status
+            heard = run.last[i].status
+            group = _group(run.plan, heard)
+            whose = f" of group {group}" if group else ""
             words = f"last heard at {heard.time_s:.1f} s in phase {heard.phase.name.lower()}"
-            yield Cause.PROCESS, f"agent {i} left no final status; {words}"
+            yield Cause.PROCESS, f"agent {i}{whose} left no final status; {words}"
 
 
 def _complaints(plan: Plan | None, final: Mapping[int, AgentStatus]) -> Iterator[tuple[Cause, str]]:
@@ -188,16 +187,21 @@ def _complaints(plan: Plan | None, final: Mapping[int, AgentStatus]) -> Iterator
 
 
 def _who(plan: Plan | None, statuses: Sequence[AgentStatus]) -> str:
-    """`agents 1-3`, or `group scouts (agents 1-3)` where they broke off as agents of one."""
-    agents = agents_named(status.agent for status in statuses)
-    if plan is None:
-        return agents
-    routes = Routes(plan).of
-    names = {
-        routes[s.agent].group(len(s.steps) - 1).name if s.agent in routes else EVERYONE
-        for s in statuses
-    }
-    return agents if len(names) > 1 or EVERYONE in names else f"group {names.pop()} ({agents})"
+    """`agents 1-3`, or where they broke off as agents of groups: `group scouts (agents 1-3) and
+    group rest (agent 7)`."""
+    found: dict[str, list[int]] = {}
+    for status in statuses:
+        found.setdefault(_group(plan, status), []).append(status.agent)
+    named = [agents_named(found[""])] if "" in found else []
+    named += [f"group {name} ({agents_named(ids)})" for name, ids in found.items() if name]
+    return " and ".join(named)
+
+
+def _group(plan: Plan | None, status: AgentStatus) -> str:
+    """That the agent flew in last, beside others; else ''."""
+    route = Routes(plan).of.get(status.agent) if plan is not None else None
+    name = route.group(len(status.steps) - 1).name if route is not None else EVERYONE
+    return "" if name == EVERYONE else name
 
 
 def _broken_s(status: AgentStatus) -> float:

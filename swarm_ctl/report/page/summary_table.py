@@ -145,7 +145,10 @@ def verdict_line(summary: Summary) -> Text:
 
 def left_words(summary: Summary) -> str:
     """`without agent 3 (land at 24.5 s)`; '' where no agent left."""
-    told = [f"agent {left.agent} ({left.order} at {left.time_s:.1f} s)" for left in summary.left]
+    found: dict[str, list[int]] = {}
+    for left in summary.left:
+        found.setdefault(f"{left.order} at {left.time_s:.1f} s", []).append(left.agent)
+    told = [f"{agents_named(ids)} ({how})" for how, ids in found.items()]
     return f"without {', '.join(told)}" if told else ""
 
 
