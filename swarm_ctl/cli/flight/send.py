@@ -138,7 +138,7 @@ def send(
             return
         answers = client.order(order)
         view = client.view()
-    whom = f" @{order.whom}" if order.whom else ""
+    whom = f" @{order.whom}" if order.groups else ""
     console.say(f"{order.text}{whom}, {plan.name} ({folder}):")
     for line in answered(answers, plan, view.left, view.beside(answers.meant)):
         console.say(line)

@@ -156,6 +156,7 @@ def titles(plan: Plan) -> tuple[str, ...]:
 def in_order(picture: Picture) -> list[AgentView]:
     """The agents as the table shows them."""
     chosen, view = picture.chosen, picture.view
+    keyed: list[tuple[Any, AgentView]]
     if chosen.sort == "group":
         groups = {i: (k, i) for k, group in enumerate(view.groups) for i in group.agents}
         keyed = [(groups.get(agent.id), agent) for agent in view.agents]
