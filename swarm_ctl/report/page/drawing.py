@@ -166,13 +166,15 @@ def trajectories(
     names: Sequence[str],
     links: Sequence[tuple[int, int]] = (),
     unit: str = "units",
+    inks: Sequence[int] | None = None,
 ) -> None:
     """Tracks (T, 2, n) (north, east) from above: hollow at the start, filled at the end, names
-    beside the starts, the final shape dotted.
+    beside the starts, the final shape dotted. `inks`: the number of each one's colour.
     """
     width, start_size, end_size, font = (0.8, 4, 4, 7) if len(names) > 12 else (1.2, 6, 7, 9)
     for k, name in enumerate(names):
-        (north, east), colour = tracks[:, :, k].T, line_style(k)["color"]
+        colour = line_style(k if inks is None else inks[k])["color"]
+        north, east = tracks[:, :, k].T
         start = (east[0], north[0])
         axes.plot(east, north, linewidth=width, color=colour, label=name)
         axes.plot(*start, "o", markersize=start_size, markerfacecolor="white", color=colour)

@@ -43,7 +43,8 @@ def tracks(history: RunHistory) -> Figure | None:
         return None
     made, axes = figure("Trajectories: start hollow, end of formation flight filled", 5.2, 4.6)
     points = flight.points_m[flown].transpose(0, 2, 1)
-    trajectories(axes, points, [str(i) for i in history.agents], _shape(history), unit="m")
+    shape, inks = _shape(history), history.inks
+    trajectories(axes, points, history.labels, shape, unit="m", inks=inks)
     return made
 
 

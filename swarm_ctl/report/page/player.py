@@ -87,6 +87,8 @@ def _run(history: RunHistory, entries: Iterable[JournalLine], *, aligned: bool) 
         "name": printable(history.name),
         "by": history.by,
         "agents": history.agents,
+        "labels": history.labels,
+        "inks": history.inks,
         "r_in_m": round(plan.law.r_in * plan.unit_m, 6),
         "r_out_m": round(plan.law.r_out * plan.unit_m, 6),
         "zero_s": history.first_form_s() if aligned else 0.0,

@@ -14,7 +14,7 @@ from swarm_ctl.core.law.formation import distances
 from swarm_ctl.core.law.graph import edges
 from swarm_ctl.core.model.frames import ned_from_geodetic
 from swarm_ctl.core.model.messages import AgentState, AgentStatus, Payload, SigmaReport, TargetWord
-from swarm_ctl.core.model.plan import Geodetic, Plan
+from swarm_ctl.core.model.plan import EVERYONE, Geodetic, Plan
 from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.targets import PREDICTED_S, STANDS_MPS
 from swarm_ctl.errors import InputError
@@ -93,6 +93,28 @@ class RunHistory:
         return [agent.id for agent in self.plan.agents]
 
     @property
+    def groups(self) -> list[str]:
+        """Of each agent, the first group that it flies in beside others; '': none."""
+        named = [group for group in self.plan.groups if group.name != EVERYONE]
+        return [next((g.name for g in named if i in g.members), "") for i in self.agents]
+
+    @property
+    def inks(self) -> list[int]:
+        """The number of each agent's colour; in a mission with groups those of a group have one."""
+        found = self.groups
+        names = [*dict.fromkeys(filter(None, found)), ""]
+        return [names.index(name) for name in found] if any(found) else [*range(len(found))]
+
+    @property
+    def labels(self) -> list[str]:
+        """The agents' ids; the first of a group has its name, too."""
+        found = self.groups
+        return [
+            f"{agent} {name}" if name and name not in found[:k] else str(agent)
+            for k, (agent, name) in enumerate(zip(self.agents, found, strict=True))
+        ]
+
+    @property
     def by(self) -> str:
         """Who says where the vehicles were: `truth`, `estimates`, or both."""
         return " and ".join(sorted(set(self.flight.sources), reverse=True))
@@ -121,13 +143,18 @@ class RunHistory:
         return found
 
     def deviations(self) -> Floats:
-        """e_i less the mean of all that fly [m], (T, n, 2): how far each is from its slot, wherever
-        the shape stands; nan as in `errors`."""
-        found = self.errors()
-        there = np.isfinite(found)
-        count = np.maximum(there.sum(axis=1, keepdims=True), 1)
-        mean = np.where(there, found, 0.0).sum(axis=1, keepdims=True) / count
-        return np.asarray(found - mean)
+        """e_i less the mean of all of its group that fly [m], (T, n, 2): how far each is from its
+        slot, wherever the shape stands; nan as in `errors`."""
+        found, times = self.errors(), self.flight.time_s
+        for group in self.run.groups:
+            before = group.plan.before
+            since_s = group.start_s(before + 1) if before else -np.inf
+            at = (times >= since_s) & (times <= group.ends_s())
+            of = np.ix_(np.flatnonzero(at), np.array(group.columns))
+            own, there = found[of], np.isfinite(found[of])
+            count = np.maximum(there.sum(axis=1, keepdims=True), 1)
+            found[of] = own - np.where(there, own, 0.0).sum(axis=1, keepdims=True) / count
+        return found
 
     def targets(self) -> list[TargetTrack]:
         """Of each target that was told of, its track."""

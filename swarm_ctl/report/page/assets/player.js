@@ -108,7 +108,7 @@
       ink[name] = style.getPropertyValue(`--${name}`).trim();
   }
   function colour(run, i) {
-    const found = flight.colours[(several ? run.k : i) % flight.colours.length];
+    const found = flight.colours[(several ? run.k : run.inks[i]) % flight.colours.length];
     return found === "#000000" ? ink.ink : found;
   }
 
@@ -282,7 +282,7 @@
       if (part("names").checked)
         for (const { i, at: [x, y] } of shown) {
           const beside = 3 + Math.max(3, this.scale * run.r_in_m / 2) * 0.75;
-          words(pen, String(run.agents[i]), x + beside, y - beside);
+          words(pen, run.labels[i], x + beside, y - beside);
         }
     }
   }
