@@ -7,9 +7,11 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl.cli.shared.options import recorded_run
+from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.errors import InputError
 from swarm_ctl.report.folder.manifest import write_manifest
 from tests.unit.cli.test_main import called
+from tests.unit.plans import groups_mission
 from tests.unit.report.run_folders import manifest
 
 OLD, NEW = "runs/20260101-120000-square", "runs/20260102-120000-hexagon"
@@ -85,3 +87,18 @@ def test_the_newest_run_with_a_recording_is_replayed(completed: object) -> None:
     assert told == [f"{NEW} has no recording; the one before it is taken"]
     (Path(NEW) / "recording.mcap").touch()
     assert recorded_run(None, told.append) == Path(NEW)
+
+
+def test_the_groups_of_a_mission_are_completed(completed: object) -> None:
+    """Beside its agents."""
+    assert callable(completed)
+    mission = groups_mission()
+    fleet = tuple(
+        FleetAgent(agent.id, agent.id, "ardupilot", f"udpout:127.0.0.1:{14600 + agent.id}")
+        for agent in mission.plan.agents
+    )
+    write_manifest(Path(NEW), manifest(mission.plan, fleet=fleet, elsewhere=True))
+    asked = "swarm-ctl send hold --agents "
+    assert completed(asked)[:4] == ["@scouts", "@sweepers", "@rest", "1"]
+    assert completed(f"{asked}@s") == ["@scouts", "@sweepers"]
+    assert completed(f"{asked}@scouts,@s") == ["@scouts,@sweepers"]
