@@ -318,15 +318,17 @@ def _order(dice: Dice, kind: str, ids: list[int], shapes: list[str]) -> str:
 
 
 def _fault(dice: Dice, name: str) -> Data:
-    """A value of a vehicle's parameter with which something goes wrong."""
+    """A value of a vehicle's parameter with which something goes wrong. Every third jump leads out
+    of every fence."""
+    jump_m = dice.pick(((1, 6), (1, 15), (30, 60)))
     value: float = {
         "BATT_DRAIN": dice.pick((10.0, 25.0, 60.0, 400.0)),
         "DELAY": dice.number(0.05, 0.6),
         "GPS_ACC": dice.pick((1.2, 4.0)),
         "GPS_DRIFT": dice.number(0.2, 3.0, 1),
-        "GPS_JUMP_D": dice.signed(1, 15, 0),
-        "GPS_JUMP_E": dice.signed(1, 15, 0),
-        "GPS_JUMP_N": dice.signed(1, 15, 0),
+        "GPS_JUMP_D": dice.signed(*jump_m, 0),
+        "GPS_JUMP_E": dice.signed(*jump_m, 0),
+        "GPS_JUMP_N": dice.signed(*jump_m, 0),
         "GPS_NOISE": dice.number(0.1, 1.5, 1),
         "GPS_SATS": 4,
         "LOSS": dice.whole(5, 80),
