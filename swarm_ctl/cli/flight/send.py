@@ -125,7 +125,7 @@ def send(
     if speed is not None:
         words.append(str(speed))
     if agents:
-        words.append("@" + agents.replace(" ", ""))
+        words.append("@" + agents.replace(" ", "").replace("@", ""))
     order = parse(" ".join([*words, *(["--by"] if by else [])]), plan)
     if command == "kill" and not yes:
         named = f"agents {order.whom}" if order.whom else "EVERY agent"

@@ -378,6 +378,15 @@ def test_each_group_has_a_colour_of_its_own_that_means_nothing_else() -> None:
         assert colours[name] in found[name]
 
 
+def test_the_names_of_groups_in_one_place_stand_below_each_other() -> None:
+    """None over another, all on the map."""
+    told = {i: PICTURES["groups"]().agent(i).newest for i in range(1, 13)}
+    model = grouped_model({i: (each.step, each.done) for i, each in told.items() if each})
+    lines = [line.text for line in map_lines(Picture(model.view(60.0)), 40, 20)]
+    for name in ("scouts", "sweepers", "rest"):
+        assert sum(len(re.findall(rf"\b{name}\b", line)) for line in lines) == 1
+
+
 def test_the_answers_name_the_group_that_an_order_was_for() -> None:
     view, order = PICTURES["groups"](), Command("h1", "hold", SCOUTS, 59.0)
     acks = {agent: Ack(agent, "h1", True, "") for agent in SCOUTS}

@@ -393,15 +393,21 @@ class _Drawing:
                 self.canvas.words(int(x // 2), int(y // 4), "○", name)
 
     def groups(self) -> None:
-        """The name of each, below its agents, for those who see no colours."""
-        view = self.picture.view
+        """The name of each, below its agents, for those who see no colours; none lies over
+        another."""
+        view, taken = self.picture.view, set[tuple[int, int]]()
         for group in view.groups:
             placed = [self._place(self.placed[i]) for i in group.agents if i in self.placed]
             colour = ink(view.plan, group.name)
             if placed and colour:
                 column = round(sum(column + width / 2 for column, _, width in placed) / len(placed))
-                row = min(max(row for _, row, _ in placed) + 1, self.canvas.height - 2)
-                self.canvas.words(column - len(group.name) // 2, row, group.name, colour)
+                column -= len(group.name) // 2
+                for row in range(max(row for _, row, _ in placed) + 1, self.canvas.height - 1):
+                    cells = {(row, column + k) for k in range(-1, len(group.name) + 1)}
+                    if taken.isdisjoint(cells):
+                        self.canvas.words(column, row, group.name, colour)
+                        taken |= cells
+                        break
 
     def agents(self) -> None:
         """Their ids; on a full map dots, and the ids of those that are marked or have an alarm,
