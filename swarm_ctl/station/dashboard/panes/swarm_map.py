@@ -393,8 +393,8 @@ class _Drawing:
                 self.canvas.words(int(x // 2), int(y // 4), "○", name)
 
     def groups(self) -> None:
-        """The name of each, below its agents, for those who see no colours; none lies over
-        another."""
+        """The name of each, below its agents or else above them, for those who see no colours; none
+        lies over another."""
         view, taken = self.picture.view, set[tuple[int, int]]()
         for group in view.groups:
             placed = [self._place(self.placed[i]) for i in group.agents if i in self.placed]
@@ -402,7 +402,9 @@ class _Drawing:
             if placed and colour:
                 column = round(sum(column + width / 2 for column, _, width in placed) / len(placed))
                 column -= len(group.name) // 2
-                for row in range(max(row for _, row, _ in placed) + 1, self.canvas.height - 1):
+                rows = [row for _, row, _ in placed]
+                below = range(max(rows) + 1, self.canvas.height - 1)
+                for row in (*below, *range(min(rows) - 1, -1, -1)):
                     cells = {(row, column + k) for k in range(-1, len(group.name) + 1)}
                     if taken.isdisjoint(cells):
                         self.canvas.words(column, row, group.name, colour)
