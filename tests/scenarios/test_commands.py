@@ -152,7 +152,7 @@ def test_on_the_ground_commands_are_refused(kind: str) -> None:
     [
         ("resume", {}, "not held"),
         ("form", {}, "no shape"),
-        ("form", {"step": ROW, "agents": (1,)}, "whole swarm"),
+        ("form", {"step": ROW, "agents": (1,)}, "whole group; give it to all agents"),
         ("form", {"step": FormStep("x", ROW.slots[:3], 0.5, 2, 9)}, "3 slots for 4 agents"),
         (
             "form",
