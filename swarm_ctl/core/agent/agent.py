@@ -605,7 +605,7 @@ class Agent:
         """What is not sent every tick: the sigma report, the status, events, the end."""
         now, ended_s, controller = tick.now, self._vehicle.ended_s, self._controller
         lingers_s = _LINGER_S if inbox.view.released else _RELEASE_AT_MOST_S
-        ending = ended_s is not None and _due(now, ended_s + lingers_s, lingers_s)
+        ending = ended_s is not None and not 0.0 <= now - ended_s < lingers_s
         if _due(now, self._sigma_due, _SIGMA_EVERY_S):
             self._sigma_due = now + _SIGMA_EVERY_S
             actions.sigma = controller.sigma_report(now)
