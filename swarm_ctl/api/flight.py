@@ -223,6 +223,14 @@ class SwarmFlight(ABC):
         numbers = [north_m, east_m, *([] if speed_mps is None else [speed_mps])]
         return self.order(self._to("move", group, words=tuple(map(str, numbers)), by=by))
 
+    def goto(
+        self, north_m: float, east_m: float, *agents: Named, speed_mps: float | None = None
+    ) -> SentCommand:
+        """Order these agents alone to a point, in metres from the origin, the others without them;
+        `command("resume", agents)` joins them again."""
+        numbers = [north_m, east_m, *([] if speed_mps is None else [speed_mps])]
+        return self.order(self._to("goto", *agents, words=tuple(map(str, numbers))))
+
     def follow(
         self,
         target: str,

@@ -147,6 +147,17 @@ class Swarm:
         or by so much."""
         return _accepted(self.flight.move(north_m, east_m, speed_mps, by=by, group=group))
 
+    def goto(
+        self, north_m: float, east_m: float, *agents: Named, speed_mps: float | None = None
+    ) -> SentCommand:
+        """Send these agents alone to a point, in metres from the origin; `resume` joins them to the
+        others again. By latitude and longitude: `send("goto 47.3977,8.5456 @3")`."""
+        return _accepted(self.flight.goto(north_m, east_m, *agents, speed_mps=speed_mps))
+
+    def launch(self, *agents: Named) -> SentCommand:
+        """Send up agents that wait on the ground (`waits` in the mission); they join the others."""
+        return _accepted(self.flight.command(CommandKind.LAUNCH, agents))
+
     def follow(
         self,
         target: str,
@@ -311,6 +322,17 @@ class AsyncSwarm:
         """`Swarm.move`."""
         move = self._swarm.move
         return await self._do(lambda: move(north_m, east_m, speed_mps, by=by, group=group))
+
+    async def goto(
+        self, north_m: float, east_m: float, *agents: Named, speed_mps: float | None = None
+    ) -> SentCommand:
+        """`Swarm.goto`."""
+        goto = self._swarm.goto
+        return await self._do(lambda: goto(north_m, east_m, *agents, speed_mps=speed_mps))
+
+    async def launch(self, *agents: Named) -> SentCommand:
+        """`Swarm.launch`."""
+        return await self._do(lambda: self._swarm.launch(*agents))
 
     async def follow(
         self,

@@ -11,7 +11,7 @@ import math
 import uuid
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +20,13 @@ from swarm_ctl import slot_assignment
 from swarm_ctl.commands.parse import BY_NAME, COURSE, Order, rezoned, tuned
 from swarm_ctl.core.kernel.walls import FENCE
 from swarm_ctl.core.law.formation import smallest_distance
+from swarm_ctl.core.model.frames import ned_from_geodetic
 from swarm_ctl.core.model.messages import ABOUT, ENDING, Command, CommandKind, Gains, Tuning
-from swarm_ctl.core.model.plan import GroupPlan, Plan, Point
+from swarm_ctl.core.model.plan import Geodetic, GroupPlan, Plan, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.goto import GotoStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.zones import Zone
@@ -214,9 +216,11 @@ def build(order: Order, swarm: SwarmNow) -> Command:
             return replace(command, at_step=order.at_step or swarm.step_of(named))
         case CommandKind.FORM | CommandKind.MOVE | CommandKind.FOLLOW:
             group = swarm.flown_by(order)
-            step = _TOGETHER[order.kind](order, swarm, group)
+            step: AnyOrdered = _TOGETHER[order.kind](order, swarm, group)
             whole = len(group.ids) == len(swarm.plan.agents)
             command = replace(command, agents=() if whole else group.ids)
+        case CommandKind.GOTO:
+            step = _goto(order, swarm, named)
         case CommandKind.TUNE | CommandKind.ZONE:
             agents, tuning = _tune(order, swarm)
             return replace(command, agents=agents, tuning=tuning, plan_hash=swarm.plan.hash())
@@ -316,9 +320,43 @@ def _follow(order: Order, swarm: SwarmNow, _: GroupPlan) -> FollowStep:
     )
 
 
+AnyOrdered: TypeAlias = FormStep | MoveStep | FollowStep | GotoStep
 _TOGETHER: Final[
     dict[str, Callable[[Order, SwarmNow, GroupPlan], FormStep | MoveStep | FollowStep]]
 ] = {CommandKind.FORM: _form, CommandKind.MOVE: _move, CommandKind.FOLLOW: _follow}
+
+
+def _goto(order: Order, swarm: SwarmNow, named: tuple[int, ...]) -> GotoStep:
+    """Some agents to a point, as they are to each other: their mean there, or the only one."""
+    plan, first = swarm.plan, order.arguments[0]
+    if "," in first:
+        lat, lon = map(float, first.split(","))
+        if not (abs(lat) <= 89.0 and abs(lon) <= 180.0):
+            allowed = "latitude,longitude in degrees, up to 89 and 180"
+            raise InputError(f"goto {first}: is nowhere on earth; allowed: {allowed}")
+        at = ned_from_geodetic(Geodetic(lat, lon, plan.origin.alt_m), plan.origin)
+        to_m, speeds = (at[0], at[1]), order.arguments[1:]
+    else:
+        north, east, *rest = order.arguments
+        to_m, speeds = (float(north), float(east)), tuple(rest)
+    most = plan.limits.speed_mps
+    speed = float(speeds[0]) if speeds else most / 2
+    if not 0 < speed <= most:
+        raise InputError(f"goto at {speed:g} m/s; allowed: above 0, at most {most:g} m/s")
+    if not named or len(named) == len(plan.agents):
+        raise InputError("goto is for some agents, not all; for all: move; nothing was sent")
+    found = {a.id: a.stop_point_m for a in swarm.agents if a.id in named and not a.lost}
+    silent = [str(i) for i in named if found.get(i) is None]
+    if silent:
+        raise InputError(f"goto: agent {', '.join(silent)} is not heard; nothing was sent")
+    points_m = {i: np.array(point) for i, point in found.items()}
+    shift = np.array(to_m) - np.mean(list(points_m.values()), axis=0)
+    places_m = {i: point + shift for i, point in points_m.items()}
+    group = next((g for g in swarm.groups if named[0] in g.members), plan.groups[0])
+    _fenced("goto", swarm, group, places_m)
+    return GotoStep(
+        tuple((i, (float(at[0]), float(at[1]))) for i, at in places_m.items()), speed, _NO_END_S
+    )
 
 
 def _way_round(

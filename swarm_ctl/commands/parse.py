@@ -49,7 +49,12 @@ class Kind:
     @property
     def for_group(self) -> bool:
         """It is for all agents of one group, or for the whole swarm."""
-        return self.usage != "" and not self.for_all
+        return self.name in (CommandKind.FORM, CommandKind.MOVE, CommandKind.FOLLOW)
+
+    @property
+    def for_some(self) -> bool:
+        """It is for some agents alone, which it has to name."""
+        return self.name in (CommandKind.GOTO, CommandKind.LAUNCH)
 
 
 _BY: Final = "--by"
@@ -58,6 +63,10 @@ _FOLLOW_DOES: Final = (
     "keep the formation so far [m] from a target of the mission; course: ahead of it, to its right"
 )
 COURSE: Final = "course"
+_GOTO_DOES: Final = (
+    "send some agents to a point [m], or LAT,LON, at a speed [m/s]; the others go on without them"
+)
+_LAUNCH_DOES: Final = "send up an agent that waits on the ground; it joins the others"
 _TUNE_DOES: Final = "change the law of all agents at one time"
 _ZONE_DOES: Final = "a zone [m] that no vehicle enters: for all agents at one time"
 ZONE_USAGE: Final = (
@@ -66,6 +75,7 @@ ZONE_USAGE: Final = (
 )
 _LANDS: Final = ("it lands where it is", "they land where they are")
 _RETURNS: Final = ("it flies home and lands", "they fly home, all at once, and land")
+_LAUNCHES: Final = ("it takes off, and joins the others", "they take off, and join the others")
 _FALLS: Final = ("its motors stop, and it falls", "their motors stop, and they fall")
 _EXPELS: Final = (
     "it holds; the others listen to it no more, and keep clear of its vehicle",
@@ -78,6 +88,8 @@ KINDS: Final[tuple[Kind, ...]] = (
     Kind(CommandKind.FORM, "SHAPE", "fly into another shape of the mission", "f"),
     Kind(CommandKind.MOVE, "NORTH EAST [SPEED]", _MOVE_DOES, "m"),
     Kind(CommandKind.FOLLOW, "TARGET [NORTH EAST] [course]", _FOLLOW_DOES, "F"),
+    Kind(CommandKind.GOTO, "NORTH EAST [SPEED]", _GOTO_DOES, "g"),
+    Kind(CommandKind.LAUNCH, "", _LAUNCH_DOES, "L", _LAUNCHES),
     Kind(CommandKind.TUNE, "NAME=VALUE ...", _TUNE_DOES, "u"),
     Kind(CommandKind.ZONE, "add/lift NAME ...", _ZONE_DOES, "z"),
     Kind(CommandKind.LAND, "", "land in place", "l", _LANDS),
@@ -86,9 +98,11 @@ KINDS: Final[tuple[Kind, ...]] = (
     Kind(CommandKind.EXPEL, "", "listen to an agent no more; keep clear of it", "X", _EXPELS),
     Kind(CommandKind.READMIT, "", "listen to an expelled agent again", "I"),
 )
+_EXAMPLES: Final = {CommandKind.GOTO: "goto 20 -5", CommandKind.LAUNCH: "launch"}
 BY_NAME: Final[dict[str, Kind]] = {kind.name: kind for kind in KINDS}
-_ALSO: Final[dict[str, str]] = {"rtl": CommandKind.RETURN, "goto": CommandKind.MOVE}
-"""Names that other ground stations have for a command."""
+_ALSO: Final[dict[str, str]] = {"rtl": CommandKind.RETURN, "join": CommandKind.RESUME}
+"""Names that other ground stations have for a command; and to `join` the others again is to go on
+with the mission."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,6 +165,9 @@ def parse(line: str, plan: Plan, marked: Iterable[int] = ()) -> Order:
     agents, groups = addressed(at, plan) if at else (tuple(sorted(set(marked))), ())
     if name in ABOUT and not groups and not 0 < len(agents) < len(plan.agents):
         raise InputError(f"{name} is about some agents, not all; e.g. {name} 3, or mark them")
+    if kind.for_some and not agents and not groups:
+        instead = "; for all: move" if kind.name is CommandKind.GOTO else ""
+        raise InputError(f"{name} is for some agents; e.g. {_EXAMPLES[kind.name]} @3{instead}")
     if (agents or groups) and (kind.for_all or (kind.for_group and not _one(agents, groups, plan))):
         instead = f"leave out {' '.join(at)}" if at else "unmark the agents (a)"
         if not kind.for_all and (known := group_names(plan)):
@@ -240,12 +257,19 @@ def arguments(kind: Kind, named: Sequence[str], plan: Plan) -> list[str]:
         return [COURSE] if len(named) == 3 else [t.name for t in plan.targets if not named]
     if kind.name is CommandKind.MOVE:
         return groups * (len(named) in (2, 3) and named[-1] not in groups)
+    if kind.name is CommandKind.GOTO and len(named) < 2:
+        return []
     if kind.name is CommandKind.TUNE:
         values = values_of(planned(plan)).items()
         taken = {word.partition("=")[0] for word in named}
         return [*(f"{name}={value:g}" for name, value in values if name not in taken), "plan"]
     if kind.name is CommandKind.ZONE:
         return zone_words(named, plan)
+    if kind.for_some:
+        waiting = [agent.id for agent in plan.agents if agent.waits]
+        ids = waiting if kind.name is CommandKind.LAUNCH else [agent.id for agent in plan.agents]
+        there = any(word.startswith("@") for word in named)
+        return [] if there else [*groups, *(f"@{i}" for i in ids)]
     return [] if named else ["@all", *groups, *(f"@{agent.id}" for agent in plan.agents)]
 
 
@@ -353,6 +377,11 @@ def _check(kind: Kind, arguments: list[str], plan: Plan) -> None:
         numbers = [_number(word) for word in arguments]
         if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):
             raise InputError(f"usage: {usage}, e.g. move 20 -5, or move {_BY} 10 0")
+    elif kind.name is CommandKind.GOTO:
+        numbers = [_number(part) for word in arguments for part in word.split(",")]
+        if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):
+            also = "goto -35.3629,149.1655 @3 (latitude,longitude)"
+            raise InputError(f"usage: {usage}, e.g. {_EXAMPLES[kind.name]} @3, or {also}")
     elif kind.name is CommandKind.FOLLOW:
         numbers = [_number(word) for word in arguments[1:] if word != COURSE]
         named = not arguments or math.isnan(_number(arguments[0]))

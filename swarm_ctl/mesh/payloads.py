@@ -20,7 +20,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.messages import (
-    ENDING,
+    LEAVING,
     Ack,
     AgentState,
     AgentStatus,
@@ -28,6 +28,7 @@ from swarm_ctl.core.model.messages import (
     ClockEcho,
     ClockNews,
     Command,
+    CommandKind,
     Event,
     ExchangeState,
     Glimpse,
@@ -51,8 +52,8 @@ _STATE: Final = struct.Struct("<BBHIdQHB3d3f2d2f2d3f2fBBIII8h")
 """version, flags, agent, seq, time_s, plan_hash, step, phase, position_ned_m, velocity_ned_mps,
 stop_point_m, setpoint_mps, frame (point_m, angle_rad, scale, rate), response_s, doubt_s, frame.leg,
 stage, override, gains_tag, next_gains_tag, exchange. Flags: bit 0 done, bit 1 airborne, bit 2 frame
-(else its fields are 0), bits 3 and 4 left (its place in `_LEFT`), bit 5 down, bit 6 a target leads
-the frame (else `_LED` is left out)."""
+(else its fields are 0), bits 3, 4 and 7 left (its place in `LEAVING`, from 1; 0: none), bit 5 down,
+bit 6 a target leads the frame (else `_LED` is left out)."""
 _HEIGHT: Final = struct.Struct("<f")
 """goal_height_m, behind a state of a mission whose slots have heights."""
 _LED: Final = struct.Struct("<2f")
@@ -66,16 +67,16 @@ _STATE_PEEK: Final = struct.Struct("<2xH4xd11x2d")
 """agent, time_s, north and east of the same."""
 _DONE, _AIRBORNE, _FRAME, _DOWN, _IS_LED = 1, 2, 4, 32, 64
 _PHASES: Final[dict[int, Phase]] = {phase.value: phase for phase in Phase}
-_LEFT: Final = (None, *ENDING)
-_LEFT_BIT: Final = 3
+_LEFT: Final = (None, *LEAVING)
+_LEFT_BIT, _LEFT_HIGH = 3, 7
 _CLOCK: Final = struct.Struct("<BHdB")
 """version, agent, time_s, the answers that are wanted"""
 _ECHO: Final = struct.Struct("<Hdd")
 """agent, told_s, held_s"""
 _NO_FRAME: Final = Frame((0.0, 0.0), scale=0.0)
-_NO_NUMBERS: Final = b',"own":[]'
-"""`Gains.own` of the paper's law: a narrow radio need not hear it. In a text it would have other
-quotes."""
+_UNSAID: Final = (b',"own":[]', b',"closings":[]')
+"""`Gains.own` of the paper's law, and `AgentStatus.closings` of a shape that is whole: a narrow
+radio need not hear them. In a text they would have other quotes."""
 _exchange = lru_cache(1024)(ExchangeState)
 """Most states repeat the one before: equal ones are one object, which compares fast."""
 _exchange_fields = attrgetter(*(field.name for field in fields(ExchangeState)))
@@ -92,7 +93,10 @@ def encode(payload: object) -> bytes:
         return _encode_state(payload)
     if isinstance(payload, ClockNews):
         return _encode_clock(payload)
-    return bytes([VERSION]) + _ADAPTERS[type(payload)].dump_json(payload).replace(_NO_NUMBERS, b"")
+    told = _ADAPTERS[type(payload)].dump_json(payload)
+    for nothing in _UNSAID:
+        told = told.replace(nothing, b"")
+    return bytes([VERSION]) + told
 
 
 def decode(kind: type[P], data: bytes) -> P:
@@ -134,7 +138,8 @@ _ADAPTERS: Final[dict[type[Any], TypeAdapter[Any]]] = {
 
 def _encode_state(s: AgentState) -> bytes:
     flags = _DONE * s.done | _AIRBORNE * s.airborne | _FRAME * (s.frame is not None)
-    flags |= _LEFT.index(s.left) << _LEFT_BIT | _DOWN * s.down
+    left = _LEFT.index(s.left)
+    flags |= (left & 3) << _LEFT_BIT | left >> 2 << _LEFT_HIGH | _DOWN * s.down
     frame = s.frame or _NO_FRAME
     flags |= _IS_LED * (frame.velocity_mps != (0.0, 0.0))
     head = (VERSION, flags, s.agent, s.seq, s.time_s, s.plan_hash, s.step, s.phase)
@@ -186,10 +191,17 @@ def _decode_state(data: bytes) -> AgentState:
         _exchange(*values[30:]),
         response_s,
         doubt_s,
-        _LEFT[flags >> _LEFT_BIT & 3],
+        _left(flags),
         flags & _DOWN != 0,
         goal_m,
     )
+
+
+def _left(flags: int) -> CommandKind | None:
+    left = flags >> _LEFT_BIT & 3 | flags >> _LEFT_HIGH << 2
+    if left >= len(_LEFT):
+        raise ValueError(f"has left in way {left}; allowed: 0 to {len(_LEFT) - 1}")
+    return _LEFT[left]
 
 
 def glimpse(kind: type[object], data: bytes) -> Glimpse | None:

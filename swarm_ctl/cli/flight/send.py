@@ -72,6 +72,9 @@ def send(
     form SHAPE           fly into another shape of the mission file
     move N E             take the formation's centre N m north, E m east
                          of the origin
+    goto N E             send some agents there (--agents 3; or LAT,LON), the
+                         others go on without them; join or resume: come back
+    launch               send up agents that wait on the ground (--agents 7)
     follow TARGET N E    keep it N m north, E m east of a target of the mission;
                          `course` behind them: ahead of it and to its right
     tune NAME=VALUE ...  set h, kappa, delta_a or delta_l of the law, in all
@@ -102,6 +105,8 @@ def send(
         swarm-ctl send hold
         swarm-ctl send form vee
         swarm-ctl send move -20 35.5 --speed 2
+        swarm-ctl send goto 60 -20 --agents 3
+        swarm-ctl send join --agents 3
         swarm-ctl send follow boat -20 0 course
         swarm-ctl send tune h=0.04 kappa=15
         swarm-ctl send zone add pond circle 30 -5 8

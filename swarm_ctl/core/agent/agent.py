@@ -66,6 +66,7 @@ _HINDRANCE_S = 30.0
 """A step that times out names what kept the vehicle from its place so long ago."""
 _LINGER_S = 2.0
 """After the end an agent goes on saying so, and gives the vehicle its parameters back."""
+_ROUNDING_S = 1e-6
 _RELEASE_AT_MOST_S = 5.0
 """A vehicle that has not confirmed its own parameters by then (five tries) keeps ours, which are
 the careful ones."""
@@ -252,7 +253,7 @@ class Agent:
             log.say(now, severity, text)
         peers.count_ages(now)
         group.slot_exchange.hear()
-        group.reference.assign(group.slot_exchange.roles)
+        group.assign_roles()
         for beacon, received_s in inbox.beacons:
             self._station = (beacon, received_s)
         self._update_gains(now, believed)
@@ -393,6 +394,18 @@ class Agent:
             self._executor.overridden(CommandKind.EXPEL, group.progress.current)
             self._enter(handler.override.step, 0)
 
+    def _come_along(self, tick: Tick) -> None:
+        """An agent that was sent away comes down when the others do: nobody would call it back."""
+        handler = self._command_handler
+        if handler.sent_to is None:
+            return
+        ends = self._takeover.swarm_goes_down(tick)
+        if ends:
+            self._log.say(tick.now, Severity.INFO, f"comes along: {ends}")
+            handler.come_back()
+            self._takeover.catch_up(tick)
+            self._enter(None, 0)
+
     # --- judge: the group, and whether a failsafe fires ---
 
     def _judge(self, tick: Tick) -> None:
@@ -400,9 +413,11 @@ class Agent:
         own.observe(tick.view)
         group.measure(tick, self._controller.stop_point_m, airborne=own.was_armed)
         group.watch_commands(tick, self._command_handler.tag, interruption.trigger)
+        group.close_gaps(tick, airborne=own.was_armed)
         if group.alone(tick.now):
             self._drop_command(tick)
         self._hold_if_expelled()
+        self._come_along(tick)
         if own.ended_s is None:
             own.watch_height(tick)
             trigger = failsafes.find(self._situation(tick))
@@ -434,6 +449,7 @@ class Agent:
             flown=own.flown,
             departed=group.departed,
             accepted=group.accepted,
+            grounded=group.grounded,
             routes=group.routes,
             awaited=group.awaited(tick),
             waits_until=group.routes.awaited(self._id, group.progress.step),
@@ -447,7 +463,8 @@ class Agent:
     def _pausing(self, tick: Tick) -> bool:
         """The mission's step waits, and its time with it."""
         held = self._command_handler.override is not None or self._interruption.holds
-        return held or bool(self._group.waits_for(tick.now))
+        on_ground = self._group.grounded and not self._command_handler.launched
+        return held or on_ground or bool(self._group.waits_for(tick.now))
 
     # --- decide, and go on to the next step ---
 
@@ -512,6 +529,9 @@ class Agent:
         progress = group.progress
         if self._command_handler.override is not None or not progress.done or progress.finished:
             return
+        if group.grounded and progress.step and self._takeover.catch_up(tick):
+            self._enter(None)
+            return
         told = group.told(tick, airborne=self._vehicle.was_armed)
         if group.routes.open_to(self._id, progress.step, told):
             group.go_on(now)
@@ -534,8 +554,7 @@ class Agent:
         if form is not None and self._command_handler.override is None:
             group.begin_form(form)
         elif form is not None:
-            group.reference.form(form.slots)
-            group.heights = form.ups_m, False
+            group.order_form(form)
         else:
             group.reference.begin(leg if again else 0)
 
@@ -596,7 +615,7 @@ class Agent:
             exchange=group.slot_exchange.exchange,
             response_s=controller.estimate.response_s,
             doubt_s=controller.estimate.doubt_s,
-            left=left.order if left is not None else None,
+            left=left.order if left else CommandKind.GOTO if handler.sent_to else None,
             down=stands and self._phase is Phase.ENDED,
             goal_height_m=self._steering.goal_height_m if self._plan.wake is not None else None,
         )
@@ -641,7 +660,7 @@ class Agent:
 
 def _due(now: float, due_s: float, waits_s: float) -> bool:
     """It is time, or the clock was set back to before this wait began."""
-    return not due_s - waits_s <= now < due_s
+    return not due_s - waits_s - _ROUNDING_S <= now < due_s
 
 
 def ended(stages: Generator[None, None, Actions]) -> Actions:

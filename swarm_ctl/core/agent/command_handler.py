@@ -17,7 +17,7 @@ from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.agent.return_to_launch import highest_m
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.messages import ABOUT, ENDING, Ack, Command, CommandKind, Departure, Phase
-from swarm_ctl.core.model.plan import MOST_UP_M, Plan
+from swarm_ctl.core.model.plan import MOST_UP_M, Plan, Point
 from swarm_ctl.core.model.steps.hold import HoldStep
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.model.text import agents_named, printable
@@ -101,11 +101,24 @@ class CommandHandler:
         """`LAND`, `RETURN` or `KILL` once commanded; these end the mission."""
         self.left: Departure | None = None
         """Such an order that was not given to all agents."""
+        self.launched = False
+        """It waits on the ground no more."""
         self.expelled: set[int] = set()
         """The agents that the operator has expelled; the own id: the others do not listen."""
         self._expelled_by: int | None = None
         """The tag of the command that expelled this agent before it flew, for its hold."""
         self.gain_update = gain_update.GainUpdate(plan, agent_id, plan_hash)
+
+    @property
+    def sent_to(self) -> tuple[Point, float] | None:
+        """The place that this agent was sent to alone [m], and how fast it flies there [m/s]."""
+        sends = self.override.step.sends if self.override is not None else None
+        place_m = sends.place_m(self._id) if sends is not None else None
+        return None if sends is None or place_m is None else (place_m, sends.speed_mps)
+
+    def come_back(self) -> None:
+        """To the others, without an order to join them."""
+        self.override = None
 
     @property
     def tag(self) -> int:
@@ -177,6 +190,9 @@ class CommandHandler:
             return
         if command.kind in gain_update.KINDS:
             self.gain_update.obey(command)
+            return
+        if command.kind == CommandKind.LAUNCH:
+            self.launched = True
             return
         if command.kind in ABOUT and not self._obey_about(command, situation):
             return
@@ -353,6 +369,38 @@ def _check_follow(command: Command, situation: AgentSituation) -> str:
     return _check_flying(command, situation)
 
 
+def _check_launch(_: Command, situation: AgentSituation) -> str:
+    agent, progress = f"agent {situation.agent}", situation.progress
+    if not situation.plan.agent(situation.agent).waits:
+        return f"{agent} does not wait on the ground: it takes off with the others"
+    if progress.step or situation.phase not in (Phase.CONNECT, Phase.PREPARE):
+        return f"{agent} has been launched (phase {situation.phase_name})"
+    steps = [p.state.step for p in situation.peers.peers if p.state and p.state.airborne]
+    if not any(steps):
+        return "no agent flies yet that it could join; allowed after the take-off"
+    if any(progress.steps[min(step, len(progress.steps)) - 1].goes_down for step in steps if step):
+        return "the others are on their way down"
+    return ""
+
+
+def _check_goto(command: Command, situation: AgentSituation) -> str:
+    step, plan = command.step.sends if command.step else None, situation.plan
+    place = step.place_m(situation.agent) if step is not None else None
+    if step is None or place is None:
+        return "the command has no place for this agent"
+    if not command.agents or len(command.agents) == len(plan.agents):
+        return "it is for some agents alone; `move` is for all"
+    limit = plan.limits.speed_mps
+    if not 0 < step.speed_mps <= limit:
+        return f"{step.speed_mps:g} m/s; allowed: above 0, at most {limit:g} m/s"
+    if not all(map(math.isfinite, place)):
+        return "the place is not finite"
+    reason = outside(plan.fence, place, 0.0)
+    if reason:
+        return f"({place[0]:.0f}, {place[1]:.0f}) m: {reason}"
+    return _check_flying(command, situation)
+
+
 _CHECKS: Final[dict[str, Callable[[Command, AgentSituation], str]]] = {
     CommandKind.HOLD: _check_flying,
     CommandKind.RESUME: _check_resume,
@@ -360,6 +408,8 @@ _CHECKS: Final[dict[str, Callable[[Command, AgentSituation], str]]] = {
     CommandKind.FORM: _check_form,
     CommandKind.MOVE: _check_move,
     CommandKind.FOLLOW: _check_follow,
+    CommandKind.GOTO: _check_goto,
+    CommandKind.LAUNCH: _check_launch,
     CommandKind.LAND: _check_land,
     CommandKind.RETURN: _check_return,
     CommandKind.KILL: _check_kill,

@@ -80,6 +80,8 @@ class Situation:
     """The peers that this agent waits for after its step ..."""
     waits_until: Mapping[int, int]
     """... and the number of the step that each of them has to be done with."""
+    grounded: bool
+    """It waits on the ground to be launched, or climbs alone to join the others."""
     fell: bool
     """It has just gone down as fast as only a fall does."""
     sunk_s: float
@@ -247,7 +249,7 @@ def _peers_gone(s: Situation) -> FailsafeTrigger | None:
     """Lost peers, and peers that gave up: the mission cannot be completed without them."""
     policy, after = s.plan.policies.agent_lost, s.plan.policies.agent_lost_after_s
     on_its_own = s.returning or s.ordered is CommandKind.RETURN
-    if on_its_own or s.progress.goes_home:
+    if on_its_own or s.progress.goes_home or s.grounded:
         return None
     if s.progress.step == 0:
         after = max(after, _PATIENCE_S)
@@ -423,6 +425,8 @@ def progress_of(state: AgentState) -> tuple[int, bool]:
 
 def left_by_order(state: AgentState) -> str:
     """How this peer has left the formation, or ''."""
+    if state.left is CommandKind.GOTO:
+        return f"agent {state.agent} was sent elsewhere by the operator"
     how = _ORDERED.get(state.left) if state.left is not None else None
     return f"agent {state.agent} was {how[1]} by the operator" if how is not None else ""
 

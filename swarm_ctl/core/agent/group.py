@@ -15,9 +15,10 @@ from swarm_ctl.core.control.detour import Detour
 from swarm_ctl.core.control.in_file import InFile
 from swarm_ctl.core.control.reference import Reference
 from swarm_ctl.core.control.target import Targets
+from swarm_ctl.core.law.closing import dealt
 from swarm_ctl.core.law.formation import error_of_one
 from swarm_ctl.core.model.causes import FailsafeAction
-from swarm_ctl.core.model.messages import AgentState, Severity
+from swarm_ctl.core.model.messages import AgentState, CommandKind, Phase, Severity
 from swarm_ctl.core.model.plan import Plan, Point, Policy
 from swarm_ctl.core.model.route import Routes
 from swarm_ctl.core.model.steps.follow import BELOW_TOP_M, LOWEST_M, FollowStep
@@ -46,6 +47,12 @@ _RISES_S: Final = 3.0
 """The told heights of a target are smoothed over so long: a boat goes up and down on waves."""
 _RISE_STEP_M: Final = 0.5
 """The formation's height is changed by so much at least."""
+_UP: Final = 1
+"""The take-off's number: an agent that is launched goes on from it to the others' step."""
+_GONE_S: Final = 60.0
+"""An agent that was not heard for so long may have ended."""
+_CLOSES_S: Final = 1.0
+"""All agents know by then who is left."""
 ALONE_S: Final = 15.0
 """A command for all reaches all within ten seconds, or its sender gives it up."""
 
@@ -65,6 +72,17 @@ class Group:
         self._set_out: Point | None = None
         """Where the frame stood when the newest step began."""
         self._measure_due = -math.inf
+        self._form: FormStep | None = None
+        """That the mission has formed last; None: an order has, or none has yet."""
+        self._left: tuple[int, ...] = ()
+        """Who is left in the shape that is flown; (): all."""
+        self._fewer: tuple[tuple[int, ...], float] = (), math.inf
+        """Who has been left of late, and since when."""
+        self.closings: list[tuple[float, int, int]] = []
+        """(since [s], how many places fewer, which of them is the own), for each time that the
+        shape has closed or opened."""
+        self._grounded = frozenset(agent.id for agent in plan.agents if agent.waits)
+        """They stay on the ground until they are launched, and count as soon as they are up."""
         self._held_since: dict[int, float] = {}
         """By agent: since when it flies a command that this agent does not."""
         self._alone_since = math.inf
@@ -102,6 +120,17 @@ class Group:
         self._formations = group.formations(plan.unit_m)
         self._planned_m = (self._formations[0].centre_m,) * 2
         """Where the step that is flown was planned to begin, and its first corner."""
+
+    @property
+    def grounded(self) -> bool:
+        """This agent stays on the ground until it is launched, or has just been."""
+        return self._own in self._grounded and self.progress.step <= _UP
+
+    def all_over(self, peers: PeerSnapshot) -> bool:
+        """The others have ended, or are not heard any more: nobody is left to join."""
+        others = [peer for peer in peers.peers if peer.id not in self._grounded]
+        over = (p.state.phase is Phase.ENDED or p.silent_s > _GONE_S for p in others if p.state)
+        return any(p.state is not None for p in others) and all(over)
 
     # --- from step to step ---
 
@@ -143,6 +172,7 @@ class Group:
             return False
         taken = self.slot_exchange.taken
         self._set_up()
+        self._form, self._left = None, ()
         self._follows, self._rise_m, self._rises_m = None, 0.0, 0.0
         self.heights = group.ups_m, True
         self.slot_exchange.taken = taken
@@ -185,11 +215,17 @@ class Group:
             held = self._held_since.keys() - self.waits_for(tick.now).keys()
             self.departed = {i: f"a command has held agent {i} for {pause_s:g} s" for i in held}
         for peer in self.awaited(tick).peers:
-            if peer.expelled:
+            state = peer.state
+            if peer.id in self._grounded and (state is None or state.step <= _UP):
+                self.departed[peer.id] = f"agent {peer.id} waits on the ground to be launched"
+            elif peer.expelled:
                 self.departed[peer.id] = f"agent {peer.id} was expelled by the operator"
             elif peer.left is not None and peer.state is not None:
                 self.departed[peer.id] = left_by_order(peer.state)
         self.accepted &= self.departed.keys()
+        apart = (p.id for p in tick.members.peers if p.left is CommandKind.GOTO)
+        self.accepted.update(apart)  # the operator, who sent them, goes on without them
+        self.accepted.update(self._grounded.intersection(self.departed))
         self.slot_exchange.departed = self.departed
         goes_on = self._policies.left_by_order is Policy.CONTINUE
         if not self.departed or not goes_on or interrupted is not None:
@@ -256,14 +292,59 @@ class Group:
         """Of what this agent flies, `override` being the command in place of the step."""
         return (self.name, self.progress.step, override)
 
+    def assign_roles(self) -> None:
+        """As the agents tell them now."""
+        if not self._left:
+            self.reference.assign(self.slot_exchange.roles)
+
+    def close_gaps(self, tick: Tick, *, airborne: bool) -> None:
+        """Where the step says so, fly the shape of those that are left, once they have been the
+        same for a moment; call it every tick."""
+        form = self._form
+        if form is None or not form.closed or not airborne:
+            return
+        lost = self.lost(tick.members, airborne=airborne).union(self.departed)
+        left = tuple(i for i in self.ids if i not in lost)
+        fewer = len(self.ids) - len(left)
+        left = left if 0 < fewer <= len(form.closed) else ()
+        if left != self._fewer[0]:
+            self._fewer = left, tick.now
+        if left == self._left or tick.now - self._fewer[1] < _CLOSES_S:
+            return
+        self._left = left
+        if not left:
+            self.reference.whole()
+            self.assign_roles()
+            self.closings.append((tick.now, 0, -1))
+            return
+        roles = self.slot_exchange.roles
+        found = dealt([form.slots[roles[i]] for i in left], form.closed[fewer - 1])
+        places = dict(zip(left, found, strict=True))
+        self.reference.deal({i: form.closed[fewer - 1][place] for i, place in places.items()})
+        self.closings.append((tick.now, fewer, places.get(self._own, -1)))
+        text = f"the shape closes: {form.shape} of {agents_named(left)}"
+        self._log.say(tick.now, Severity.INFO, text)
+
+    @property
+    def closed(self) -> bool:
+        """The shape is flown by fewer than it has slots."""
+        return bool(self._left)
+
     def begin_form(self, step: FormStep) -> None:
         """Begin a form step of the mission: its shape by slot index, its graph, its exchanges."""
         exchange = self.slot_exchange
+        self._form, self._left, self._fewer = step, (), ((), math.inf)
         self.reference.form(step.slots, exchange.roles)
         self.heights = step.ups_m, True
         if step.neighbours is not None:
             self.neighbourhood.choose(exchange.in_roles(step.neighbours))
         exchange.begin(step.slots)
+
+    def order_form(self, step: FormStep) -> None:
+        """Begin an operator's shape: each agent's own slot of it, whatever the roles."""
+        self._form, self._left = None, ()
+        self.reference.form(step.slots)
+        self.heights = step.ups_m, False
 
     @property
     def up_m(self) -> float:

@@ -104,6 +104,7 @@ def status_report(
         position_accuracy_m=view.position_accuracy_m,
         safety=controller.safety_filter.report(),
         roles=tuple(group.slot_exchange.taken),
+        closings=tuple(group.closings),
         own=view.own,
         action=trigger.action if trigger else None,
         cause=trigger.cause if trigger else None,

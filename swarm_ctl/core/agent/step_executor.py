@@ -108,13 +108,18 @@ class StepExecutor:
         view, progress = tick.view, self._group.progress
         heard = math.isfinite(view.heartbeat_s)
         phase = Phase.PREPARE if heard else Phase.CONNECT
-        flies = self._flies_already(tick)
+        if self._group.grounded and self._group.all_over(tick.peers):
+            progress.finish_step(tick.now, StepOutcome.SKIPPED)
+            return self._landing.end(tick.now)
+        flies = "" if self._group.grounded else self._flies_already(tick)
         if flies:
             reason = flies
         elif view.armed and not self._vehicle.was_armed and view.healthy:
             reason = "the vehicle is armed already; disarm it first"
         else:
             reason = self._preflight.refusal(tick) or self._unheard(tick)
+        if not reason and self._group.grounded and not self._command_handler.launched:
+            reason = "waits to be launched"
         if not reason:
             self._warn(tick)
             progress.finish_step(tick.now)
@@ -149,7 +154,8 @@ class StepExecutor:
 
     def _take_off(self, tick: Tick, height_m: float) -> Intent:
         vehicle, progress, view, fix = self._vehicle, self._group.progress, tick.view, tick.fix
-        flies = "" if view.armed else self._flies_already(tick)
+        alone = view.armed or self._group.grounded
+        flies = "" if alone else self._flies_already(tick)
         if flies:
             return Intent(StandbyGoal(), Phase.ARM, flies)
         if not view.armed or fix is None:
@@ -186,6 +192,9 @@ class StepExecutor:
             stands = override.kind == CommandKind.HOLD and self._scattered
             if stands or override.kind == CommandKind.EXPEL:
                 return Intent(KeepClear(), Phase.FLY, reason)
+            sent_to = self._command_handler.sent_to
+            if sent_to is not None:
+                return Intent(FlyTo(*sent_to), Phase.FLY, reason)
         course: Course = KeepClear()
         if tick.fix is not None:
             if override is None:
@@ -210,12 +219,12 @@ class StepExecutor:
     def _exchange_slots(self, tick: Tick, step: Step, own_m: Point) -> None:
         """Exchange slots with an agent that is in the way, where the step allows it."""
         group, exchange = self._group, self._group.slot_exchange
-        new = step.exchanges and not group.progress.done
+        new = step.exchanges and not group.progress.done and not group.closed
         key = group.key(self._command_handler.tag)
         partner = exchange.look(tick.now, own_m, key, group.neighbourhood.links, new=new)
         if partner is None:
             return
-        group.reference.assign(exchange.roles)
+        group.assign_roles()
         self._inside_since = None
         text = f"takes the slot of agent {partner} (exchanged: they were in each other's way)"
         self._log.say(tick.now, Severity.INFO, text)

@@ -230,17 +230,26 @@ class Takeover:
             why = "no other agent flies the mission any more"
             self._interruption.heed(tick, failed(FailsafeAction.LAND, why, Cause.PEER))
 
-    def catch_up(self, tick: Tick) -> None:
-        """After a command that held this agent for so long that the others went on without it."""
+    def catch_up(self, tick: Tick) -> bool:
+        """To the step of the others, who went on without this agent, which a command held for long
+        or has launched; whether they had."""
         flying = self._flying(tick)
         step = self._step_of(flying)
-        if step > self._group.progress.step:
-            self._rejoin(tick.now, step, flying)
+        if step <= self._group.progress.step:
+            return False
+        self._rejoin(tick.now, step, flying)
+        return True
 
     def _step_of(self, flying: list[AgentState]) -> int:
         """The own step: the furthest that the steps of these peers prove."""
         routes = self._group.routes
         return max((routes.proven(self._agent, s.agent, s.step) for s in flying), default=0)
+
+    def swarm_goes_down(self, tick: Tick) -> str:
+        """That the mission has come to its end, as the peers fly it, or ''."""
+        step = self._step_of(self._flying(tick))
+        steps = self._group.progress.steps
+        return steps[step - 1].title if step and steps[step - 1].goes_down else ""
 
     def _follow_hold(self, tick: Tick) -> None:
         """This agent has not seen the beginning of a hold step: the step is over when a peer says

@@ -133,6 +133,21 @@ class Reference:
         self._indices = indices
         self._give_out()
 
+    def deal(self, places: Mapping[int, Point]) -> None:
+        """The same shape with other slots, wherever it is and goes: each agent's [units]."""
+        ids = [*places]
+        self._slots = dict(zip(ids, centred([places[i] for i in ids]), strict=True))
+        self.radius_m = max(math.hypot(*slot) for slot in self._slots.values()) * self._plan.unit_m
+        whole = zip(self._ids, self._places, strict=True)
+        indices = self._indices or {agent: k for k, agent in enumerate(self._ids)}
+        missing = {agent: self._places[indices[agent]] for agent, _ in whole if agent not in places}
+        self._slots |= missing
+
+    def whole(self) -> None:
+        """Each agent has its slot of the whole shape again."""
+        self.radius_m = max(math.hypot(*slot) for slot in self._places) * self._plan.unit_m
+        self._give_out()
+
     def assign(self, indices: Mapping[int, int]) -> None:
         """Take the slot index of each agent after an exchange; ignored if `form` got none."""
         if self._indices is not None and indices is not self._indices:

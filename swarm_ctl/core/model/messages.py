@@ -18,6 +18,7 @@ from swarm_ctl.core.model.plan import Point
 from swarm_ctl.core.model.rows import row
 from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.goto import GotoStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.vehicle import Vector3
 from swarm_ctl.core.model.zones import Zone
@@ -82,6 +83,10 @@ class CommandKind(StrEnum):
     FORM = "form"
     MOVE = "move"
     FOLLOW = "follow"
+    GOTO = "goto"
+    """Fly to a place apart from the others, and stay there until `resume`."""
+    LAUNCH = "launch"
+    """Take off, of an agent that waits on the ground, and join the others."""
     TUNE = "tune"
     """First phase of a gain update: prepare these gains."""
     ZONE = "zone"
@@ -99,6 +104,8 @@ class CommandKind(StrEnum):
 
 ENDING: Final = (CommandKind.LAND, CommandKind.RETURN, CommandKind.KILL)
 """The commands that end an agent's part of the mission."""
+LEAVING: Final = (*ENDING, CommandKind.GOTO)
+"""Those by which an agent leaves the formation; of the last it may come back."""
 ABOUT: Final = (CommandKind.EXPEL, CommandKind.READMIT)
 """Commands to all agents about some of them."""
 
@@ -188,8 +195,8 @@ class AgentState:
     doubt_s: float = 0.0
     """By how much that may be off."""
     left: CommandKind | None = None
-    """The order (one of `ENDING`) by which the agent has left the formation: an operator gave it to
-    some agents alone."""
+    """The order (one of `LEAVING`) by which the agent has left the formation: an operator gave it
+    to some agents alone."""
     down: bool = False
     """Its flight is over, and its vehicle stands on the ground, disarmed."""
     goal_height_m: float | None = None
@@ -428,6 +435,9 @@ class AgentStatus:
     """Of its horizontal position, one standard deviation by the vehicle's own word."""
     roles: tuple[tuple[float, int], ...] = ()
     """(since [s], place in the plan whose slots it flies to), for every role but its first."""
+    closings: tuple[tuple[float, int, int], ...] = ()
+    """(since [s], how many places fewer its shape has, which of those is its own), for each time
+    that the shape closed a gap; of none fewer, -1, when it was whole again."""
     safety: SafetyReport = field(default_factory=SafetyReport)
     own: OwnParameters | None = None
     """The vehicle's own values of the parameters that we change; None until they are known."""
@@ -544,9 +554,9 @@ class Command:
     agents: tuple[int, ...]
     """The agents that are meant; empty: all."""
     time_s: float
-    step: FormStep | MoveStep | FollowStep | None = None
-    """What `form`, `move` and `follow` want, made by the sender, so that all agents have the
-    same."""
+    step: FormStep | MoveStep | FollowStep | GotoStep | None = None
+    """What `form`, `move`, `follow` and `goto` want, made by the sender, so that all agents have
+    the same."""
     plan_hash: int = 0
     """The plan that `step` was made for; 0: any."""
     at_step: int = 0

@@ -43,9 +43,11 @@ HEIGHT_DOUBT_M: Final = 0.5
 and a baro drifts with the weather."""
 MOST_UP_M: Final = 120.0
 """From the flight height to a slot, up or down."""
-_NEWER: Final = frozenset({"wake", "ups_m", "targets", "before", "flies_m", "formed"})
+_NEWER: Final = frozenset(
+    {"wake", "ups_m", "targets", "before", "flies_m", "formed", "waits", "closed"}
+)
 """Fields that count in a plan's hash only where they say something: a plan that says nothing of
-heights, targets and groups is the one that it was before there were any."""
+heights, targets, groups and agents that wait is the one that it was before there were any."""
 _SLOW_LAG_S = 0.7
 _CALM_RATE = 2.0
 
@@ -190,6 +192,8 @@ class AgentPlan:
     id: int
     start: Point
     neighbours: tuple[int, ...]
+    waits: bool = False
+    """It stays on the ground until an order `launch`; its places stay free as long."""
 
 
 @dataclass(frozen=True, slots=True)

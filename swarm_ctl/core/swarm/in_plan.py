@@ -136,9 +136,12 @@ class InPlan:
             return f"it is in step {status.step}; {_has(steps)}"
         if len(status.steps) > steps + 1:
             return f"it tells of {len(status.steps)} steps; {_has(steps)}"
-        places = [place for _, place in status.roles if not 0 <= place < members]
+        said = (*(place for _, place in status.roles), *_places_of(status.closings))
+        places = [place for place in said if not 0 <= place < members]
         if places:
             return f"it names place {places[0]} in the plan; allowed: 0 to {members - 1}"
+        if any(not 0 <= fewer < max(members, 1) for _, fewer, _ in status.closings):
+            return f"its shape has more places fewer than the {members} of the plan"
         nearest = () if status.nearest_agent is None else (status.nearest_agent,)
         named = (*nearest, *status.neighbours, *status.links, *status.doubted, *status.without)
         return self._strange((*named, *(i for i in status.safety.kept_from if i)))
@@ -146,6 +149,11 @@ class InPlan:
     def _strange(self, agents: Iterable[int]) -> str:
         odd = sorted(set(agents) - self._ids)
         return f"it names agent {odd[0]}, which the plan has not" if odd else ""
+
+
+def _places_of(closings: Iterable[tuple[float, int, int]]) -> Iterable[int]:
+    """Those that closed shapes name."""
+    return (place for _, fewer, place in closings if fewer)
 
 
 def _has(steps: int) -> str:

@@ -112,6 +112,12 @@ def _agent_ids(mission: MissionFile) -> Findings:
     yield from twice(ids, "an id of its own for every agent")
 
 
+def _some_fly(mission: MissionFile) -> Findings:
+    if all(agent.waits for agent in mission.agents):
+        what = "all agents wait to be launched, and none flies that they could join"
+        yield Mistake(("agents",), what, "an agent without waits")
+
+
 def _start_range(mission: MissionFile) -> Findings:
     for k, agent in enumerate(mission.agents):
         away_m = math.hypot(*agent.start) * metres(mission)
@@ -474,6 +480,7 @@ _CHECKS: tuple[tuple[str, Callable[[MissionFile], Findings]], ...] = (
     ("law", _own_law),
     ("origin", _no_place),
     ("agents", _agent_ids),
+    ("agents", _some_fly),
     ("agents lengths unit_m", _start_range),
     ("agents law lengths unit_m", _starts),
     ("agents law lengths unit_m neighbours", _connected),

@@ -155,6 +155,7 @@ class _Groups:
         self._mission, self._unit_m = mission, mission.unit_m
         self._at = {i: (start, 0.0) for i, start in starts.items()}
         """Where each agent is planned to be, and how far above the flight height."""
+        self._waiting = {agent.id for agent in mission.agents if agent.waits}
         self._height_m, self._formed = 0.0, False
         made, before, splits = list[GroupPlan](), 0, 0
         for split in split_up(mission):
@@ -186,7 +187,10 @@ class _Groups:
         near = self._near(places, first=not before)
         group = GroupPlan(
             written.name,
-            agents=tuple(plan.AgentPlan(i, place, near[i]) for i, place in places.items()),
+            agents=tuple(
+                plan.AgentPlan(i, place, near[i], waits=i in self._waiting)
+                for i, place in places.items()
+            ),
             steps=(),
             before=before,
             flies_m=self._height_m,

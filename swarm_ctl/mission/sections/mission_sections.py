@@ -84,6 +84,9 @@ class AgentEntry(Section):
     id: AgentId
     start: NorthEast
     """Where its vehicle stands before take-off: [north, east] of the origin."""
+    waits: bool = False
+    """It stays on the ground until an order `launch`, and joins the others then. Its places in
+    shapes stay free as long."""
 
 
 class PolicySection(Written[Policies]):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar, Final, Literal
 
 import numpy as np
@@ -9,7 +10,8 @@ from pydantic import Field
 
 from swarm_ctl import slot_assignment
 from swarm_ctl.core.law import graph
-from swarm_ctl.core.model.plan import Compensation, Plan, PlannedStep
+from swarm_ctl.core.law.formation import smallest_distance
+from swarm_ctl.core.model.plan import Compensation, Plan, PlannedStep, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.mission.geometry.shapes import slots_of, ups_of
@@ -20,6 +22,8 @@ from swarm_ctl.mission.input.units import said
 from swarm_ctl.mission.sections.section import Links, Name, Timeout
 from swarm_ctl.mission.steps.step_kind import Checks, Mission, StepKind, TimedSection
 
+_GAPS: Final = 0.25
+"""So many of the agents may leave a shape that closes."""
 LEAST_HEIGHT_M: Final = 1.0
 """Of a slot: as of a take-off."""
 
@@ -35,6 +39,9 @@ class FormSection(TimedSection):
     exchange: bool | None = None
     """Two agents that block each other may exchange their slots. Default: true with nearest slots
     and stop points, else false."""
+    on_gap: Literal["hole", "close"] = "hole"
+    """Where agents leave or are lost. hole: their slots stay free; close: the others form the shape
+    of so many fewer, up to a quarter of them. Who comes back opens it again."""
     layers: int | None = Field(default=None, ge=2, le=20)
     """Deals the slots to so many heights: the k-th slot to the layer `k modulo layers`. The lowest
     layer is at the flight height, or the shape's own `up_m` above it."""
@@ -75,6 +82,18 @@ def _layers(written: FormSection, place: Place, _mission: Mission) -> Findings:
         yield Mistake((*place, "layer_spacing_m"), what, allowed)
 
 
+def _gaps(written: FormSection, place: Place, mission: Mission) -> Findings:
+    shape = mission.shapes.get(written.shape)
+    if written.on_gap == "hole" or shape is None:
+        return
+    where = (*place, "on_gap")
+    if getattr(shape, "count", 0) is not None:
+        what = f"{written.shape} has slots for one number of agents alone"
+        yield Mistake(where, what, "hole, or a shape by a rule and without a count, e.g. a ring")
+    if written.layers or any(ups_of(shape, len(mission.agents))):
+        yield Mistake(where, "a shape with heights keeps its slots", "hole")
+
+
 def _heights(at: PlannedStep, place: Place) -> Findings:
     heights, fence = at.after.heights_m, at.plan.fence
     if not at.after.ups_m:
@@ -96,7 +115,12 @@ class Form(StepKind[FormSection, FormStep]):
     """Into a shape, by the law alone."""
 
     section = FormSection
-    checks: ClassVar[Checks] = (("shapes", _known_shape), ("agents", _links), ("", _layers))
+    checks: ClassVar[Checks] = (
+        ("shapes", _known_shape),
+        ("agents", _links),
+        ("", _layers),
+        ("shapes agents", _gaps),
+    )
 
     def planned(self, written: FormSection, mission: Mission, before: PlannedFormation) -> FormStep:
         ids = sorted(agent.id for agent in mission.agents)
@@ -128,6 +152,20 @@ class Form(StepKind[FormSection, FormStep]):
             on_timeout=written.on_timeout,
             exchange=exchange,
             ups_m=ups_m,
+            closed=self._closed(written, mission, len(ids)),
+        )
+
+    @staticmethod
+    def _closed(
+        written: FormSection, mission: Mission, agents: int
+    ) -> tuple[tuple[Point, ...], ...]:
+        """The shape of one agent less, of two less, up to a quarter of them."""
+        if written.on_gap == "hole":
+            return ()
+        shape, least = mission.shapes[written.shape], max(1, agents - math.ceil(_GAPS * agents))
+        return tuple(
+            slot_assignment.rounded(slots_of(shape, count))
+            for count in range(agents - 1, least - 1, -1)
         )
 
     @staticmethod
@@ -144,8 +182,16 @@ class Form(StepKind[FormSection, FormStep]):
         return written.settle_s
 
     def wrong(self, step: FormStep, at: PlannedStep, place: Place, mission: Mission) -> Findings:
-        """Neighbours that are chosen anew are connected, and all heights lie in the air."""
+        """Neighbours that are chosen anew are connected, all heights lie in the air, and a shape
+        that closes keeps its agents apart."""
         yield from _heights(at, place)
+        for slots in step.closed:
+            apart = smallest_distance(slots, (), math.inf)
+            if apart <= at.plan.law.r_out:
+                far = f"{said(apart * at.plan.unit_m, mission)} apart"
+                what = f"{step.shape} of {len(slots)} agents has slots {far}"
+                yield Mistake((*place, "on_gap"), what, "hole, or a wider shape")
+                return
         plan, ids = at.plan, [agent.id for agent in at.group.agents]
         chosen = dict(zip(ids, step.neighbours, strict=True)) if step.neighbours else {}
         parts = graph.components(chosen)

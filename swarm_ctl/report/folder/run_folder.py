@@ -17,6 +17,7 @@ from swarm_ctl.core.agent.agent import STATUS_EVERY_S
 from swarm_ctl.core.model.messages import AgentStatus, StepOutcome
 from swarm_ctl.core.model.plan import GroupPlan, Plan
 from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.swarm.in_plan import InPlan
@@ -58,6 +59,22 @@ class FlownGroup:
             for since_s, index in self.last[agent].status.roles if agent in self.last else ():
                 if 0 <= index < len(self.plan.ids) and since_s >= begins_s:
                     found[time_s >= since_s, k] = index
+        return found
+
+    def slots(self, form: FormStep, since_s: float, time_s: Floats) -> Floats:
+        """The slot of each of its agents at each moment, in the shape that has been flown since
+        then, (T, n, 2) [units]: exchanges change it, and gaps that close."""
+        whole = np.array(form.slots)[self.slot_indices(time_s)]
+        found = whole.copy()
+        for k, agent in enumerate(self.plan.ids):
+            told = self.last[agent].status.closings if agent in self.last else ()
+            for at_s, fewer, place in told:
+                later = time_s >= at_s
+                if at_s >= since_s and 0 < fewer <= len(form.closed):
+                    smaller = form.closed[fewer - 1]
+                    found[later, k] = smaller[place] if 0 <= place < len(smaller) else np.nan
+                elif at_s >= since_s:
+                    found[later, k] = whole[later, k]
         return found
 
     def start_s(self, k: int) -> float:

@@ -14,13 +14,12 @@ from swarm_ctl.core.law.graph import edges
 from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.fleet import SigningPolicy
 from swarm_ctl.core.model.messages import AgentStatus, Event, Outcome, StepResult, TickReport
-from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.report.folder import metrics
 from swarm_ctl.report.folder.flight import TrackSource
 from swarm_ctl.report.folder.last_statuses import read_events, read_troubles
 from swarm_ctl.report.folder.manifest import Manifest
 from swarm_ctl.report.folder.run_folder import FlownGroup, RunFolder, read_run
-from swarm_ctl.report.folder.truth import Floats, Truth
+from swarm_ctl.report.folder.truth import Truth
 from swarm_ctl.report.judge.distances import (
     PairDistance,
     ZoneDistance,
@@ -240,7 +239,7 @@ def _step(run: RunFolder, group: FlownGroup, k: int) -> StepSummary:
     reached = [found for found in results.values() if found]
     undone = {i: each for i, each in verdicts.items() if each is not StepVerdict.DONE}
     start_s = min((found.start_s for found in reached), default=None)
-    gone = {left.agent for left in _left(run)}
+    gone = {left.agent for left in _left(run)} | {i for i in last if _never_flew(run, i)}
     stayed = [each for i, each in verdicts.items() if i not in gone] or verdicts.values()
     worst = min(stayed, key=_FROM_BAD_TO_GOOD.index, default=StepVerdict.NOT_REACHED)
     return StepSummary(
@@ -255,6 +254,12 @@ def _step(run: RunFolder, group: FlownGroup, k: int) -> StepSummary:
     )
 
 
+def _never_flew(run: RunFolder, agent: int) -> bool:
+    """It waited on the ground to the end, as the mission has it."""
+    waits = run.plan is not None and run.plan.agent(agent).waits
+    return waits and len(run.last[agent].status.steps) <= 1
+
+
 def _verdict(found: StepResult | None) -> StepVerdict:
     return StepVerdict(found.result) if found else StepVerdict.NOT_REACHED
 
@@ -267,7 +272,7 @@ def _time_to_form(run: RunFolder, group: FlownGroup, k: int, start_s: float | No
     flight = run.flight.of(group.columns)
     later = [j for j in group.form_steps if j > k]
     end_s = min([group.ends_s(), *(group.start_s(j) for j in later[:1])])
-    slots_m = _in_metres(run.plan, step.slots)[group.slot_indices(flight.time_s)]
+    slots_m = group.slots(step, start_s, flight.time_s) * run.plan.unit_m
     error_m = metrics.formation_error(flight, slots_m)
     return metrics.time_to_settle(
         flight.time_s, error_m, start_s, end_s, step.tolerance_m, step.settle_s
@@ -300,9 +305,14 @@ def _flown_by(
         return None, None
     flight = run.flight.during(group.start_s(forms[0]), group.ends_s()).of(group.columns)
     # The newest shape, turned and scaled as planned.
-    formation = group.newest_formation(run.plan.unit_m)
-    slots_m = _in_metres(run.plan, formation.offsets)
-    error_m = metrics.formation_error(flight, slots_m[group.slot_indices(flight.time_s)])
+    formation, last = group.newest_formation(run.plan.unit_m), group.plan.step(forms[-1])
+    form = last.new_shape if last is not None else None
+    if form is None:
+        return None, None
+    slots = group.slots(form, group.start_s(forms[-1]), flight.time_s)
+    turn = formation.scale * np.exp(1j * formation.angle_rad)
+    turned = (slots[..., 0] + 1j * slots[..., 1]) * (turn * run.plan.unit_m)
+    error_m = metrics.formation_error(flight, np.stack((turned.real, turned.imag), axis=-1))
     ids = group.plan.ids
     links = edges({agent.id: agent.neighbours for agent in group.plan.agents})
     longest = metrics.longest_link(flight, [(ids.index(a), ids.index(b)) for a, b in links])
@@ -310,10 +320,6 @@ def _flown_by(
         return metrics.last_number(error_m), None
     length_m, (i, j) = longest
     return metrics.last_number(error_m), (length_m, (ids[i], ids[j]))
-
-
-def _in_metres(plan: Plan, slots: Sequence[Point]) -> Floats:
-    return np.array(slots) * plan.unit_m
 
 
 def _closest(run: RunFolder, pairs: Sequence[PairDistance]) -> dict[str, Any]:

@@ -134,9 +134,9 @@ class RunHistory:
                 if (form := step.new_shape) is not None:
                     since, until = group.start_s(k), group.ends_s()
                     at = (flight.time_s >= since) & (flight.time_s <= until)
-                    slots = self._turned(np.array(form.slots) * self.plan.unit_m, flight.time_s[at])
-                    indices = group.slot_indices(flight.time_s[at])[..., None]
-                    slots = np.take_along_axis(slots, indices, axis=1)
+                    slots = group.slots(form, since, flight.time_s[at]) * self.plan.unit_m
+                    centre = np.mean(form.slots, axis=0) * self.plan.unit_m
+                    slots = self._turned(slots, centre, flight.time_s[at])
                     of = np.ix_(np.flatnonzero(at), np.array(group.columns))
                     found[of] = flight.points_m[of] - slots
         found[~flight.live] = np.nan
@@ -202,15 +202,15 @@ class RunHistory:
         found = min(begun, default=np.inf)
         return found if np.isfinite(found) else 0.0
 
-    def _turned(self, slots_m: Floats, time_s: Floats) -> Floats:
-        """The slots (n, 2) turned and scaled as the shared frame at each moment, (T, n, 2)."""
+    def _turned(self, slots_m: Floats, centre: Floats, time_s: Floats) -> Floats:
+        """The slots (T, n, 2) turned about this centre and scaled as the shared frame is at each
+        moment."""
         states = next((found for found in self._framed() if found), [])
         if not states:
-            return np.broadcast_to(slots_m, (len(time_s), *slots_m.shape))
+            return slots_m
         # Turning and scaling is a product of complex numbers north + i east; 1 before any frame.
         turns = [1.0, *(s.frame.scale * np.exp(1j * s.frame.angle_rad) for s in states if s.frame)]
         at = np.searchsorted([s.time_s for s in states], time_s, side="right")
-        centre = slots_m.mean(axis=0)
         z = np.array(turns)[at, None] * ((slots_m - centre) @ np.array([1.0, 1.0j]))
         return np.asarray(np.stack((z.real, z.imag), axis=-1) + centre)
 

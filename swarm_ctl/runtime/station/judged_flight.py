@@ -273,5 +273,6 @@ def shifted(status: AgentStatus, by_s: float) -> AgentStatus:
         time_s=status.time_s + by_s,
         steps=tuple(map(moved, status.steps)),
         roles=tuple((since_s + by_s, role) for since_s, role in status.roles),
+        closings=tuple((at_s + by_s, fewer, k) for at_s, fewer, k in status.closings),
         left=left and replace(left, time_s=left.time_s + by_s),
     )

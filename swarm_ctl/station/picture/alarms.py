@@ -277,8 +277,9 @@ def _long_link(view: SwarmView, r_m: float) -> Found:
     for group in view.groups:
         step = group.plan.step(group.step)
         form = step.new_shape if step is not None else None
-        if form is not None and form.neighbours is not None:
-            apart |= group.plan.members  # those that it chose come together only now
+        comes = not group.plan.formed and group.step == group.plan.before + 1 > 1
+        if form is not None and (form.neighbours is not None or comes):
+            apart |= group.plan.members  # neighbours that come together only now
         if step is not None and step.file is not None:
             apart |= group.plan.members  # one behind the other they are far apart, as is meant
     for edge in view.edges:

@@ -21,6 +21,7 @@ from swarm_ctl.core.model.messages import (
     AgentState,
     AgentStatus,
     Command,
+    CommandKind,
     Event,
     PairReport,
     Payload,
@@ -110,6 +111,8 @@ class _Heard:
         taking off nor going down, by the mission or without it."""
         state, status = self.state, self.status
         if state is None or not state.airborne or state.phase not in (Phase.FLY, Phase.HOLD):
+            return False
+        if state.left is CommandKind.GOTO:
             return False
         return status is None or (status.airborne and status.action in _STAYS)
 
@@ -489,6 +492,7 @@ class Model:
             if state is None:
                 continue
             slot = shape[state.exchange.role if in_roles and state.exchange.role in shape else k]
+            slot = (self._closed_slot(group, step, agent.id) if in_roles else None) or slot
             frame = state.frame or Frame((0.0, 0.0))
             place = turned(slot, frame.angle_rad, frame.scale)
             slots[agent.id] = (place[0] * self._plan.unit_m, place[1] * self._plan.unit_m)
@@ -526,9 +530,25 @@ class Model:
                 forms.append((answered.at_step, commanded.slots))
         return dict(enumerate(centred_slots(forms[-1][1]))) if forms else None
 
+    def _closed_slot(self, group: GroupPlan, step: int, agent: int) -> Point | None:
+        """An agent's slot, centred, in the newest shape where that has closed a gap; None: it has
+        not."""
+        status = self._heard[agent].status
+        if status is None or not status.closings:
+            return None
+        flown = zip(group.numbers, group.steps, strict=True)
+        forms = [(k, form) for k, s in flown if k <= step and (form := s.new_shape) is not None]
+        (since_s, fewer, place), (k, form) = status.closings[-1], forms[-1] if forms else (0, None)
+        begun_s = status.steps[k].start_s if k < len(status.steps) else math.inf
+        if form is None or since_s < begun_s or not 0 < fewer <= len(form.closed):
+            return None
+        slots = centred_slots(form.closed[fewer - 1])
+        return slots[place] if 0 <= place < len(slots) else None
+
     def _overridden(self, group: GroupPlan) -> bool:
         states = [self._heard[agent].state for agent in group.ids]
-        return any(state is not None and state.override for state in states)
+        flying = [state for state in states if state is not None and state.left is None]
+        return any(state.override for state in flying)
 
     def _agent(self, agent_id: int, moment: _Moment) -> AgentView:
         heard, now_s = self._heard[agent_id], moment.now_s

@@ -41,7 +41,10 @@ def completed(
 @pytest.mark.parametrize(
     ("line", "wanted"),
     [
-        ("send ", ["hold", "resume", "next", "form", "move", "follow", "tune", "zone", "readmit"]),
+        (
+            "send ",
+            ["hold", "resume", "next", "form", "move", "follow", "goto", "tune", "zone", "readmit"],
+        ),
         ("send l", []),
         ("send ki", []),
         ("send ret", []),

@@ -7,12 +7,15 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from swarm_ctl.commands.build import AgentNow, SwarmNow, build
 from swarm_ctl.commands.parse import Order, complete
+from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.core.model.plan import EVERYONE, Fence, Zone
 from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.goto import GotoStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.swarm.gain_update import LEAD_S, planned
 from swarm_ctl.errors import InputError
@@ -316,3 +319,40 @@ def test_to_expel_all_is_refused() -> None:
     with pytest.raises(InputError, match="some agents, not all"):
         build(Order("expel", groups=("scouts", "sweepers", "rest")), in_groups())
     assert build(Order("expel", groups=("scouts",)), in_groups()).about == SCOUTS
+
+
+def test_goto_takes_agents_to_a_point_as_they_are_to_each_other() -> None:
+    """One to the point itself; two keep their offset; latitude and longitude are of the map."""
+    one = build(Order("goto", ("6", "8", "2"), (1,)), SWARM).step
+    assert isinstance(one, GotoStep)
+    assert (one.places_m, one.speed_mps) == (((1, (6.0, 8.0)),), 2.0)
+    two = build(Order("goto", ("6", "8"), (1, 2)), SWARM).step
+    assert isinstance(two, GotoStep)
+    places, now = dict(two.places_m), {a.id: a.stop_point_m for a in SWARM.agents}
+    assert now[1] is not None
+    assert now[2] is not None
+    assert np.subtract(places[2], places[1]) == pytest.approx(np.subtract(now[2], now[1]))
+    assert np.mean([places[1], places[2]], axis=0) == pytest.approx([6.0, 8.0])
+    there = geodetic_from_ned((6.0, 8.0, 0.0), PLAN.origin)
+    word = f"{there.lat_deg:.9f},{there.lon_deg:.9f}"
+    same = build(Order("goto", (word,), (1,)), SWARM).step
+    assert isinstance(same, GotoStep)
+    assert same.place_m(1) == pytest.approx((6.0, 8.0), abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("words", "agents", "why"),
+    [
+        (("6", "8", "99"), (1,), "goto at 99 m/s"),
+        (("91,8",), (1,), "is nowhere on earth"),
+        (("6", "8"), (1, 2, 3, 4, 5, 6), "for all: move"),
+        (("9000", "8"), (1,), "outside the geofence"),
+    ],
+)
+def test_goto_is_refused_where_none_could_fly(
+    words: tuple[str, ...], agents: tuple[int, ...], why: str
+) -> None:
+    box = Fence(((-50.0, -50.0), (-50.0, 50.0), (50.0, 50.0), (50.0, -50.0)), 50.0)
+    fenced = replace(SWARM, plan=replace(PLAN, fence=box))
+    with pytest.raises(InputError, match=why):
+        build(Order("goto", words, agents), fenced)

@@ -31,7 +31,7 @@ GROUPS = groups_mission().plan
         ("hold 1,3-4", (), Order("hold", (), (1, 3, 4))),
         ("land @all", (3,), Order("land")),
         ("rtl @2", (), Order("return", (), (2,))),
-        ("goto 20 -5", (), Order("move", ("20", "-5"))),
+        ("join @2", (), Order("resume", (), (2,))),
         ("return @1,4-6", (), Order("return", (), (1, 4, 5, 6))),
         ("form hexagon", (), Order("form", ("hexagon",))),
         ("move 20 -5.5 2", (), Order("move", ("20", "-5.5", "2"))),
@@ -53,7 +53,7 @@ def test_orders(line: str, marked: tuple[int, ...], order: Order) -> None:
 @pytest.mark.parametrize(
     ("line", "why"),
     [
-        ("", "no command ''; allowed: hold, resume, next, form, move, follow, tune, zone, land"),
+        ("", "no command ''; allowed: hold, resume, next, form, move, follow, goto, launch, tune"),
         ("fly", "no command 'fly'; allowed"),
         ("land now", "@now names no agents; allowed: @all, @1,3-5"),
         ("land @1 now", "land takes nothing but agents, not 'now'; e.g. land @1,3-5"),
@@ -102,7 +102,7 @@ def test_any_text_is_an_order_or_refused(line: str) -> None:
         assert set(order.agents) <= {agent.id for agent in PLAN.agents}
 
 
-FALLS = {"land", "return", "kill", "expel"}
+FALLS = {"land", "return", "kill", "expel", "launch"}
 
 
 @given(st.sampled_from([kind.name for kind in KINDS]), st.integers(0, 6))
@@ -219,3 +219,24 @@ def test_completion_knows_the_groups() -> None:
     assert complete("move 20 -5 @s", GROUPS) == ["move 20 -5 @scouts", "move 20 -5 @sweepers"]
     assert complete("move 20 -5 @scouts ", GROUPS) == complete("land @s", GROUPS) == []
     assert complete("form ", GROUPS) == [f"form {w}" for w in ("block", "line", "ring", "wedge")]
+
+
+def test_goto_and_launch_are_for_agents_that_are_named() -> None:
+    """By metres or by latitude and longitude; without agents, and for no number, they say how."""
+    order = parse("goto 20 -5 3 @1,2", PLAN)
+    assert (order.kind, order.arguments, order.agents) == ("goto", ("20", "-5", "3"), (1, 2))
+    assert parse("goto -35.36,149.16 @1", PLAN).arguments == ("-35.36,149.16",)
+    assert parse("goto 20 -5", PLAN, marked=[3]).agents == (3,)
+    assert parse("launch 3", PLAN).agents == (3,)
+    assert parse("join 3", PLAN) == parse("resume 3", PLAN)
+    for line, why in (
+        ("goto 20 -5", "goto is for some agents; e.g. goto 20 -5 @3; for all: move"),
+        ("launch", "launch is for some agents; e.g. launch @3"),
+        (
+            "goto 20 @3",
+            "usage: goto NORTH EAST [SPEED], e.g. goto 20 -5 @3, or goto -35.3629,149.16",
+        ),
+        ("goto nan 1 @3", "usage: goto"),
+    ):
+        with pytest.raises(InputError, match=re.escape(why)):
+            parse(line, PLAN)

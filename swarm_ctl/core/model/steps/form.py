@@ -31,6 +31,9 @@ class FormStep(Step):
     (`core/kernel/exchange.py`)."""
     ups_m: tuple[float, ...] = ()
     """How far above the flight height each slot is, in the slots' order; (): all are at it."""
+    closed: tuple[tuple[Point, ...], ...] = ()
+    """The shape of one agent less, of two less, and so on: what those that are left fly to where
+    some leave or are lost. (): their slots stay free."""
     kind: Literal["form"] = "form"
 
     @property

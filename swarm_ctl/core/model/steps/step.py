@@ -14,6 +14,7 @@ from swarm_ctl.core.model.policies import Policy
 if TYPE_CHECKING:
     from swarm_ctl.core.model.steps.follow import FollowStep
     from swarm_ctl.core.model.steps.form import FormStep
+    from swarm_ctl.core.model.steps.goto import GotoStep
     from swarm_ctl.core.model.steps.move import MoveStep
 
 _ARRIVED_M: Final = 0.02
@@ -83,6 +84,11 @@ class Step(ABC):
     @property
     def follows(self) -> FollowStep | None:
         """The step itself, where a target leads the formation."""
+        return None
+
+    @property
+    def sends(self) -> GotoStep | None:
+        """The step itself, where it sends agents away from the others."""
         return None
 
     @property

@@ -21,6 +21,7 @@ from swarm_ctl.core.model.messages import Ack, Command, CommandKind, Phase
 from swarm_ctl.core.model.plan import Fence, Plan, Point
 from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.steps.goto import GotoStep
 from swarm_ctl.core.model.steps.hold import HoldStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.targets import TargetPlan
@@ -55,9 +56,18 @@ HELD: Final = Override(CommandKind.HOLD, HoldStep(1e9, 1e9), 7, 0)
 
 def command(kind: str, name: str = "c1", **changes: Any) -> Command:
     """To all agents, with a number of its own; with what `form`, `move` and `expel` need."""
-    steps = {CommandKind.FORM: FORMING, CommandKind.MOVE: MOVING, CommandKind.FOLLOW: FOLLOWING}
+    steps = {
+        CommandKind.FORM: FORMING,
+        CommandKind.MOVE: MOVING,
+        CommandKind.FOLLOW: FOLLOWING,
+        CommandKind.GOTO: GotoStep(((OWN, (5.0, 5.0)),), 2.0, 60.0),
+    }
     sent = Command(
-        name, kind, (), NOW, step=steps.get(CommandKind(kind)) if kind in KINDS else None
+        name,
+        kind,
+        (OWN,) if kind == CommandKind.GOTO else (),
+        NOW,
+        step=steps.get(CommandKind(kind)) if kind in KINDS else None,
     )
     about = (2,) if kind in ABOUT else ()
     return replace(sent, **{"number": sent.tag, "about": about} | changes)
@@ -104,13 +114,16 @@ next    no      no      no  no      ok  no   ok   no   no     no    no
 form    no      no      no  no      ok  no   ok   no   no     no    no
 move    no      no      no  no      ok  no   ok   no   no     no    no
 follow  no      no      no  no      ok  no   ok   no   no     no    no
+goto    no      no      no  no      ok  no   ok   no   no     no    no
+launch  no      no      no  no      no  no   no   no   no     no    no
 land    ok      ok      ok  ok      ok  ok   ok   ok   ok     no    no
 return  no      no      ok  ok      ok  ok   ok   no   ok     no    no
 kill    ok      ok      ok  ok      ok  ok   ok   ok   ok     ok    no
 expel   no      no      ok  ok      ok  ok   ok   ok   ok     ok    ok
 readmit no      no      ok  ok      ok  ok   ok   ok   ok     ok    ok
 """
-"""`hold`: by a failsafe's policy; `held`: by an operator's command, in phase FLY."""
+"""`hold`: by a failsafe's policy; `held`: by an operator's command, in phase FLY. No agent of this
+plan waits on the ground to be launched."""
 _HEAD, *_LINES = [line.split() for line in TABLE.strip().splitlines()]
 CELLS = [
     (kind, phase, word == "ok")

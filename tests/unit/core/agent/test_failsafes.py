@@ -72,6 +72,7 @@ def situation(
         flown=True,
         departed={},
         accepted=frozenset(),
+        grounded=False,
         routes=Routes(of),
         awaited=heard.members,
         waits_until=dict.fromkeys(of.groups[0].ids, step),
