@@ -305,3 +305,12 @@ def test_the_command_says_by_its_exit_code_what_it_found(
     mended = CliRunner().invoke(app, ["fuzz", *options[2:], "--flights", "6"])
     assert mended.exit_code == 1, mended.output
     assert "it does not break that" in mended.output
+
+
+def test_a_mission_that_splits_is_refused(tmp_path: Path) -> None:
+    """What must hold is said of agents that fly the same steps."""
+    options = ["fuzz", str(MISSIONS / "groups.yaml"), "--out", str(tmp_path / "out")]
+    found = CliRunner().invoke(app, options)
+    assert isinstance(found.exception, InputError)
+    assert "splits into groups (all, scouts, " in str(found.exception)
+    assert not (tmp_path / "out").exists()
