@@ -140,8 +140,12 @@ class Order:
         ids = set(self.agents)
         for name in self.groups:
             groups = [group for group in plan.groups if group.name == name]
-            if not groups:
+            called = [group for group in plan.named if group.name == name]
+            if not groups and not called:
                 raise InputError(_no_group(name, group_names(plan)))
+            if not groups:
+                ids |= {*called[0].ids}
+                continue
             ids |= next((group for group in groups if step <= group.last), groups[-1]).members
         return tuple(sorted(ids))
 
@@ -181,8 +185,9 @@ def parse(line: str, plan: Plan, marked: Iterable[int] = ()) -> Order:
 
 
 def group_names(plan: Plan) -> list[str]:
-    """Of the groups that fly steps of their own, in the order of the mission."""
-    return list(dict.fromkeys(group.name for group in plan.groups if group.name != EVERYONE))
+    """Of the groups that fly steps of their own, and of the mission's others."""
+    flown = [group.name for group in plan.groups if group.name != EVERYONE]
+    return list(dict.fromkeys([*flown, *(group.name for group in plan.named)]))
 
 
 def addressed(who: Iterable[int | str], plan: Plan) -> tuple[tuple[int, ...], tuple[str, ...]]:

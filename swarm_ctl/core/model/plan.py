@@ -44,7 +44,7 @@ and a baro drifts with the weather."""
 MOST_UP_M: Final = 120.0
 """From the flight height to a slot, up or down."""
 _NEWER: Final = frozenset(
-    {"wake", "ups_m", "targets", "before", "flies_m", "formed", "waits", "closed"}
+    {"wake", "ups_m", "targets", "before", "flies_m", "formed", "waits", "closed", "named"}
 )
 """Fields that count in a plan's hash only where they say something: a plan that says nothing of
 heights, targets, groups and agents that wait is the one that it was before there were any."""
@@ -282,6 +282,14 @@ class GroupPlan:
         return list(accumulated)
 
 
+@dataclass(frozen=True, slots=True)
+class NamedAgents:
+    """Agents that an operator calls by one name."""
+
+    name: str
+    ids: tuple[int, ...]
+
+
 class PlannedStep(NamedTuple):
     """One step of a flight: whose it is, and between which formations."""
 
@@ -334,6 +342,8 @@ class Plan:
     """None: all slots are at the flight height, and all vehicles count as in one plane."""
     targets: tuple[TargetPlan, ...] = ()
     """That may be followed, by name."""
+    named: tuple[NamedAgents, ...] = ()
+    """The mission's groups, for orders, whether they fly steps of their own or not."""
 
     @property
     def layer_m(self) -> float:

@@ -63,6 +63,9 @@ def plan_of(mission: MissionFile) -> Plan:
         zones=zones_of(mission),
         wake=mission.wake.by_rotors() if _has_heights(mission, groups) else None,
         targets=_targets(mission, limits.speed_mps),
+        named=tuple(
+            plan.NamedAgents(name, tuple(sorted(ids))) for name, ids in mission.groups.items()
+        ),
     )
 
 

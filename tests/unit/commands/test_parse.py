@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from swarm_ctl.commands.parse import BY_NAME, KINDS, Order, complete, parse
 from swarm_ctl.core.agent import command_handler
-from swarm_ctl.core.model.plan import ShapePlan
+from swarm_ctl.core.model.plan import NamedAgents, ShapePlan
 from swarm_ctl.errors import InputError
 from tests.unit.plans import SCOUTS, groups_mission
 from tests.unit.station.swarm import hexagon_plan
@@ -240,3 +240,13 @@ def test_goto_and_launch_are_for_agents_that_are_named() -> None:
     ):
         with pytest.raises(InputError, match=re.escape(why)):
             parse(line, PLAN)
+
+
+def test_a_group_that_flies_no_steps_of_its_own_is_known_to_orders() -> None:
+    """It only names agents."""
+    plan = replace(PLAN, named=(NamedAgents("west", (1, 4)),))
+    order = parse("hold @west", plan)
+    assert order.groups == ("west",)
+    assert order.named(plan, 1) == (1, 4)
+    with pytest.raises(InputError, match="allowed: @all, @west"):
+        parse("hold @wets", plan)
