@@ -29,10 +29,6 @@ class Route:
         """That flies this step; beyond the last one, that flew the last."""
         return self._groups[min(max(number, 0), len(self.steps))]
 
-    def ends(self, number: int) -> bool:
-        """The step is its group's last."""
-        return number == self.group(number).last
-
     def step_name(self, number: int) -> str:
         """As `GroupPlan.step_name`."""
         return self.group(number).step_name(number)
