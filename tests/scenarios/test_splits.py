@@ -55,6 +55,7 @@ HOME = """\
       one:
         - hold: {duration_s: 4}
   - form: {shape: row, settle_s: 1}
+  - move: {by: [60, 0], speed_mps: 4}
   - land
 """
 FORM, SPLIT = 2, 3

@@ -342,8 +342,9 @@ class SwarmView:
         return max(steps, default=self.step)
 
     def beside(self, ids: Collection[int]) -> tuple[int, ...]:
-        """The agents of the groups that fly now without any of these."""
-        apart = (group.agents for group in self.groups if not set(group.agents).intersection(ids))
+        """The agents of the groups that fly now, and that none of these belongs to, nor did before
+        it left."""
+        apart = (group.agents for group in self.groups if not {*group.plan.ids} & {*ids})
         return tuple(sorted(agent for agents in apart for agent in agents))
 
     def whom(self, ids: Collection[int]) -> str:

@@ -228,10 +228,12 @@ def test_a_target_that_is_nowhere_is_refused(changes: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("payload", [p for p in OTHERS if not isinstance(p, ClockNews)])
 def test_json_is_json_to_any_tool(payload: Any) -> None:
-    """With its version byte: a tool that trusts the encoding `application/json` reads it."""
+    """With its version byte: a tool that trusts the encoding `application/json` reads it. All of
+    it is there, but for the closings of a shape that is whole."""
     assert is_json(type(payload))
     told = json.loads(encode(payload))
-    assert {field.name for field in fields(payload)} == set(told)
+    unsaid = {"closings"} if getattr(payload, "closings", None) == () else set[str]()
+    assert {field.name for field in fields(payload)} - unsaid == set(told)
 
 
 def test_the_document_has_every_channel() -> None:
