@@ -15,9 +15,10 @@ from typing import Final
 
 from swarm_ctl.core.agent import failsafes
 from swarm_ctl.core.agent.command_handler import AgentSituation, CommandHandler
-from swarm_ctl.core.agent.flight import EventLog, Interruption, OwnVehicle
 from swarm_ctl.core.agent.group import Group
+from swarm_ctl.core.agent.interruption import EventLog, Interruption
 from swarm_ctl.core.agent.landing import Landing
+from swarm_ctl.core.agent.own_vehicle import OwnVehicle
 from swarm_ctl.core.agent.preflight import EstimateWatch, Preflight, ResponseWatch
 from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch
 from swarm_ctl.core.agent.status_report import RefusalsSaid, status_report

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Final
 
 from swarm_ctl.core.agent.failsafes import FailsafeTrigger, gave_up, left_by_order, progress_of
-from swarm_ctl.core.agent.flight import EventLog
+from swarm_ctl.core.agent.interruption import EventLog
 from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.detour import Detour

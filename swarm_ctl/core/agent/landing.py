@@ -8,8 +8,9 @@ from dataclasses import replace
 from typing import Final
 
 from swarm_ctl.core.agent.failsafes import FailsafeTrigger, failed
-from swarm_ctl.core.agent.flight import EventLog, Interruption, OwnVehicle
 from swarm_ctl.core.agent.group import Group
+from swarm_ctl.core.agent.interruption import EventLog, Interruption
+from swarm_ctl.core.agent.own_vehicle import OwnVehicle
 from swarm_ctl.core.agent.return_to_launch import HOME_TOLERANCE_M, ReturnToLaunch, deserted
 from swarm_ctl.core.agent.steering import FlyTo, Intent, KeepClear
 from swarm_ctl.core.agent.tick import Tick

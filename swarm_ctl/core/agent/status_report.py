@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from swarm_ctl.core.agent.flight import Interruption, OwnVehicle
 from swarm_ctl.core.agent.group import Group
+from swarm_ctl.core.agent.interruption import Interruption
+from swarm_ctl.core.agent.own_vehicle import OwnVehicle
 from swarm_ctl.core.agent.steering import SetpointCount
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.controller import Controller

@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-from swarm_ctl.core.agent.flight import OwnVehicle
+from swarm_ctl.core.agent.own_vehicle import OwnVehicle
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.altitude import climb_rate
 from swarm_ctl.core.control.controller import Controller

@@ -7,9 +7,10 @@ import math
 
 from swarm_ctl.core.agent.command_handler import CommandHandler
 from swarm_ctl.core.agent.failsafes import failed
-from swarm_ctl.core.agent.flight import EventLog, Interruption, OwnVehicle
 from swarm_ctl.core.agent.group import Group
+from swarm_ctl.core.agent.interruption import EventLog, Interruption
 from swarm_ctl.core.agent.landing import Landing
+from swarm_ctl.core.agent.own_vehicle import OwnVehicle
 from swarm_ctl.core.agent.preflight import Preflight, swarm_flies
 from swarm_ctl.core.agent.steering import (
     ClimbOver,

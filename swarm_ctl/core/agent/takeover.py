@@ -32,8 +32,9 @@ import math
 from typing import Final
 
 from swarm_ctl.core.agent.failsafes import FailsafeTrigger, failed
-from swarm_ctl.core.agent.flight import EventLog, Interruption, OwnVehicle
 from swarm_ctl.core.agent.group import Group
+from swarm_ctl.core.agent.interruption import EventLog, Interruption
+from swarm_ctl.core.agent.own_vehicle import OwnVehicle
 from swarm_ctl.core.agent.preflight import Preflight
 from swarm_ctl.core.agent.steering import Intent, KeepClear
 from swarm_ctl.core.agent.tick import Tick

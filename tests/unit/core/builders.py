@@ -11,9 +11,10 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, Final
 
-from swarm_ctl.core.agent.flight import EventLog, Interruption, OwnVehicle
 from swarm_ctl.core.agent.group import Group
+from swarm_ctl.core.agent.interruption import EventLog, Interruption
 from swarm_ctl.core.agent.landing import Landing
+from swarm_ctl.core.agent.own_vehicle import OwnVehicle
 from swarm_ctl.core.agent.preflight import Preflight
 from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch
