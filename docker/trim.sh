@@ -10,14 +10,12 @@ find . -type f \( -name '*.pyi' -o -name '*.pyx' -o -name '*.pxd' -o -name '*.[a
 find pymavlink/dialects -mindepth 1 -name '*.py' ! -path '*/v20/ardupilotmega.py' \
     ! -name __init__.py -delete
 rm -rf pymavlink/dialects/v10 pymavlink/generator pymavlink/dfindexer pymavlink/tools lxml lxml-*
-# Of scipy the assignment of slots is used, of zstandard the one of its two backends.
-rm -rf scipy/stats scipy/signal scipy/io scipy/ndimage scipy/interpolate scipy/integrate \
-    scipy/cluster scipy/fftpack scipy/datasets scipy/odr zstandard/_cffi.*
+rm -rf zstandard/_cffi.* # of its two backends the one that is not used
 rm -rf fontTools/varLib fontTools/feaLib fontTools/designspaceLib fontTools/cu2qu fontTools/qu2cu
 # Of pygments, which rich wants, no language is shown; no picture is AVIF.
 find pygments/lexers -name '*.py' ! -name __init__.py ! -name _mapping.py -delete
 rm -rf pillow.libs/libavif* PIL/_avif.* numpy/_core/_simd.*
-# Symbols for debuggers; not of libraries that their wheels have patched (*.libs, numpy, scipy).
+# Symbols for debuggers; not of libraries that their wheels have patched (*.libs, numpy).
 for package in zenoh kiwisolver fontTools lz4 yaml zstandard cryptography fastcrc pydantic_core; do
     [ ! -d "$package" ] || find "$package" -name '*.so' -exec strip --strip-unneeded {} +
 done

@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.optimize import linear_sum_assignment
 
 from swarm_ctl.core.law.formation import centred
 from swarm_ctl.core.model.arrays import Floats
-from swarm_ctl.slot_assignment import nearest
+from swarm_ctl.slot_assignment import _assigned, nearest
 
 count = st.shared(st.integers(1, 6), key="n")
 points = count.flatmap(lambda n: arrays(np.float64, (n, 2), elements=st.floats(-100, 100)))
@@ -48,3 +49,16 @@ def test_agents_that_stand_in_the_shape_stay(
     order = list(range(len(slots)))
     random.shuffle(order)  # type: ignore[attr-defined]
     assert nearest(slots[order] + np.array(by), slots) == pytest.approx(slots[order], abs=1e-3)
+
+
+square = st.integers(1, 12).flatmap(
+    lambda n: arrays(np.float64, (n, n), elements=st.integers(0, 3) | st.floats(0, 9))
+)
+
+
+@given(square)
+def test_between_equal_sums_the_choice_is_scipys(costs: Floats) -> None:
+    """With which the slots of plans were dealt before: their hashes stay."""
+    least = costs.argmin(axis=1).tolist()
+    if len(set(least)) < len(least):
+        assert _assigned(costs) == linear_sum_assignment(costs)[1].tolist()

@@ -187,7 +187,7 @@ class HostRouter:
 
 @contextlib.contextmanager
 def _without_main() -> Iterator[None]:
-    """Keep multiprocessing from importing our command line (typer, scipy) into every agent as
+    """Keep multiprocessing from importing our command line (typer, missions) into every agent as
     `__mp_main__`."""
     main = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")

@@ -295,7 +295,7 @@ def _slots(
     if cell.slots == "random":
         slots = np.take_along_axis(slots, order[None], axis=1)
     elif starts is not None and cell.slots == "nearest":
-        # scipy assigns one swarm at a time
+        # slots are dealt to one swarm at a time
         chosen = [nearest(starts[..., k].T, slots[..., k].T) for k in range(count)]
         slots = np.stack(chosen, axis=-1).transpose(1, 0, 2)
     return np.ascontiguousarray(slots)

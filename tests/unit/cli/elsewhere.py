@@ -20,7 +20,6 @@ import sys
 
 import matplotlib.pyplot  # noqa: F401
 import rich.console  # noqa: F401
-import scipy.stats  # noqa: F401
 import textual.app
 import textual.widgets  # noqa: F401
 import typer  # noqa: F401
