@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 from functools import cached_property
 from typing import Final
 
@@ -12,16 +13,19 @@ import numpy as np
 import numpy.typing as npt
 
 from swarm_ctl.core.kernel.constraints import margins_of
-from swarm_ctl.core.model.messages import AgentStatus, CommandKind
-from swarm_ctl.core.model.steps.table import AnyStep
+from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Phase
+from swarm_ctl.core.model.route import Route, Routes
 from swarm_ctl.mission.checks import envelope
 from swarm_ctl.report.folder.run_folder import ZoneSpell, zone_spells
 from swarm_ctl.report.folder.truth import EventKind
+from swarm_ctl.virtual.as_processes import own_clocks
 from swarm_ctl.virtual.scenario import Happening
 from swarm_ctl.virtual.scenario_flight import FlownScenario, GivenOrder
 
 FREE_M: Final = 4.0
 """Starts this much over r_in apart leave room for take-offs and landings that autopilots fly."""
+FLIES: Final = (Phase.FLY, Phase.HOLD, Phase.RETURN)
+"""An agent's vehicle follows its setpoints."""
 _LATE_S: Final = 0.2
 _LOST: Final = 0.2
 """States that are late or lost by up to this are inside the envelope."""
@@ -73,11 +77,15 @@ class Seen:
 
     @cached_property
     def statuses(self) -> dict[int, list[AgentStatus]]:
-        """By agent, in the order of time."""
+        """By agent, in the order of time, which is that of the truth."""
         found: dict[int, list[AgentStatus]] = {agent: [] for agent in self.ids}
         for status in self.flown.statuses:
             found[status.agent].append(status)
-        return found
+        return found | {
+            agent: _in_true_time(found[agent], ahead_s, drift)
+            for agent, (ahead_s, drift) in own_clocks(self.flown.scenario).items()
+            if agent not in self.elsewhen
+        }
 
     def zones(self, agent: int) -> tuple[ZoneSpell, ...]:
         """Those of the plan, and those of the flight, while this agent said that they hold."""
@@ -146,10 +154,14 @@ class Seen:
 
     @cached_property
     def elsewhen(self) -> set[int]:
-        """Agents whose clock is not the swarm's: what they say happened at other times."""
-        own = {agent for each in self.flown.scenario.clocks for agent in each.agents}
+        """Agents whose clock is set in flight: what they say may have happened at two times."""
         jumps = (each.clock.agents for each in self.happens if each.clock is not None)
-        return own.union(*jumps)
+        return set[int]().union(*jumps)
+
+    @cached_property
+    def one_clock(self) -> bool:
+        """All go by the swarm's clock."""
+        return not own_clocks(self.flown.scenario)
 
     @cached_property
     def good_mesh(self) -> bool:
@@ -206,8 +218,8 @@ class Seen:
 
     @cached_property
     def timely(self) -> bool:
-        """Its times can be held against the forecast: ticks as the envelope has them, one clock."""
-        return not envelope.outside(self.plan) and not self.elsewhen
+        """Its times can be held against the forecast: ticks as the envelope has them."""
+        return not envelope.outside(self.plan)
 
     def orders(self, agent: int, *kinds: CommandKind) -> list[GivenOrder]:
         """Those that this agent accepted; all kinds if none is named."""
@@ -221,34 +233,61 @@ class Seen:
         ]
 
     @cached_property
-    def steps(self) -> tuple[AnyStep, ...]:
-        """Of all agents: a drawn mission has one group."""
-        (group,) = self.plan.groups
-        return group.steps
+    def routes(self) -> Routes:
+        """The steps of each agent."""
+        return Routes(self.plan)
 
-    def step_start(self, k: int) -> float:
-        """When the first agent began step k [s]; inf: none did."""
+    def route(self, agent: int) -> Route:
+        """That this agent flies, over all its groups."""
+        return self.routes.of[agent]
+
+    def step_start(self, agent: int, k: int) -> float:
+        """When the first of this agent's group began step k [s]; inf: none did."""
         starts = [
             status.steps[k].start_s
-            for agent, said in self.statuses.items()
-            for status in said[-1:]
-            if len(status.steps) > k and agent not in self.elsewhen
+            for other in self.route(agent).group(k).ids
+            for status in self.statuses[other][-1:]
+            if len(status.steps) > k and other not in self.elsewhen
         ]
         return min(starts, default=math.inf)
 
-    def timed_out(self, k: int) -> bool:
+    def timed_out(self, agent: int, k: int) -> bool:
         """Step k took all the time that it may: with `continue` all go on."""
-        if k == 0:
+        steps = self.route(agent).steps
+        if not 0 < k < len(steps):
             return False
-        begun_s, ended_s = self.step_start(k), self.step_start(k + 1)
-        return ended_s - begun_s >= self.steps[k - 1].timeout_s - 0.5
+        begun_s, ended_s = self.step_start(agent, k), self.step_start(agent, k + 1)
+        return ended_s - begun_s >= steps[k - 1].timeout_s - 0.5
 
-    @cached_property
-    def home_s(self) -> float:
+    def home_s(self, agent: int) -> float:
         """When the plan's own landing began [s]; inf: it did not."""
-        steps = enumerate(self.steps, 1)
+        steps = enumerate(self.route(agent).steps, 1)
         home = (k for k, step in steps if step.goes_down)
-        return min(map(self.step_start, home), default=math.inf)
+        return min((self.step_start(agent, k) for k in home), default=math.inf)
+
+
+def _in_true_time(said: list[AgentStatus], ahead_s: float, drift: float) -> list[AgentStatus]:
+    """Statuses by a clock that is so far ahead, by the clock of the truth."""
+
+    def true(own_s: float) -> float:
+        return (own_s - ahead_s) / (1.0 + drift)
+
+    return [
+        replace(
+            status,
+            time_s=true(status.time_s),
+            left=status.left and replace(status.left, time_s=true(status.left.time_s)),
+            steps=tuple(
+                replace(
+                    step,
+                    start_s=true(step.start_s),
+                    end_s=None if step.end_s is None else true(step.end_s),
+                )
+                for step in status.steps
+            ),
+        )
+        for status in said
+    ]
 
 
 def _grave(name: str, value: float) -> bool:

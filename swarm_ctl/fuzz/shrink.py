@@ -128,6 +128,11 @@ def _smaller_missions(mission: Data) -> Iterator[Data]:
             yield mission | {"fleet": mission["fleet"] | {"agents": simpler}}
     for k, step in enumerate(steps):
         (kind, body), *_ = step.items() if isinstance(step, dict) else [(step, {})]
+        if kind == "split":
+            for group, part in body.items():
+                for j in range(len(part) if len(part) > 1 else 0):
+                    parts = body | {group: part[:j] + part[j + 1 :]}
+                    yield mission | {"steps": [*steps[:k], {kind: parts}, *steps[k + 1 :]]}
         for name in body or ():
             yield mission | {"steps": [*steps[:k], {kind: _less(body, name)}, *steps[k + 1 :]]}
     used = {
@@ -152,6 +157,8 @@ def _without(mission: Data, agent: int) -> Data:
     for shape in smaller.get("shapes", {}).values():
         if "offsets" in shape:
             shape["offsets"] = shape["offsets"][: len(smaller["agents"])]
+    for name, members in smaller.get("groups", {}).items():
+        smaller["groups"][name] = [each for each in members if each != agent]
     links = smaller.get("neighbours")
     if isinstance(links, list):
         smaller["neighbours"] = [link for link in links if agent not in link]

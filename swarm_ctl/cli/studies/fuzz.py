@@ -15,7 +15,6 @@ from swarm_ctl.mission.ready import named
 
 if TYPE_CHECKING:
     from swarm_ctl.fuzz.campaign import Campaign
-    from swarm_ctl.mission.compile.loader import LoadedMission
 
 _SHRUNK: Final = 10
 """Of what was found so many kinds are made small; the table has all of them."""
@@ -83,18 +82,10 @@ def _campaign(mission: Path | None, seed: int, out: Path) -> Campaign:
     if mission is None:
         return Campaign(seed, out)
     loaded = load(mission)  # its mistakes first
-    _refuse_groups(mission, loaded)
     data = loaded.file.model_dump(mode="json", exclude_unset=True, by_alias=True)
     if isinstance(data.get("fleet"), str):
         data["fleet"] = str(mission.resolve().parent / data["fleet"])
     return Campaign(seed, out, data)
-
-
-def _refuse_groups(path: Path, mission: LoadedMission) -> None:
-    """What must hold is said of agents that fly the same steps."""
-    if len(mission.plan.groups) > 1:
-        names = ", ".join(dict.fromkeys(group.name for group in mission.plan.groups))
-        raise InputError(f"{path}: splits into groups ({names}); allowed: a mission that does not")
 
 
 def _fly(
@@ -170,7 +161,6 @@ def _replay(path: Path, out: Path, console: PlainConsole) -> int:
     from swarm_ctl.virtual.scenario import load_scenario
 
     scenario, mission = load_scenario(path)
-    _refuse_groups(path, mission)
     folder = out / "replayed" / path.stem
     if folder.exists():
         raise InputError(f"{folder}: is there already; delete it, or choose another --out")

@@ -15,9 +15,11 @@ from swarm_ctl.core.agent.command_handler import CommandHandler
 from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.agent.takeover import Takeover
 from swarm_ctl.core.agent.tick import Tick
-from swarm_ctl.core.model.causes import Cause
+from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Outcome
+from swarm_ctl.core.model.route import Routes
 from swarm_ctl.fuzz.invariants import Invariant, broken
+from swarm_ctl.fuzz.seen import Seen
 from swarm_ctl.mission.input import yaml_file
 from swarm_ctl.report.folder.truth import TruthEvent
 from swarm_ctl.virtual.scenario import scenario_of
@@ -233,3 +235,110 @@ def test_who_is_in_a_zone_that_is_added_leaves_it() -> None:
     places[k:, 0] = places[k, 0]
     (first,) = [b for b in broken(with_truth(flight, position_ned_m=places)) if "zone" in b.text]
     assert "had time to leave it until" in first.text
+
+
+def test_times_by_a_clock_that_is_ahead_are_those_of_the_truth(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """So what an agent with such a clock does is judged as what the others do."""
+    clocks = "clocks: [{agents: [2], ahead_s: -9.5, drift: 1.0e-4}]\nlands_after_s: 15"
+    land = "{at_s: 12.8, order: land}"
+    flight = flown(land, clocks)
+    assert broken(flight) == []
+    ends = {agent: said[-1].time_s for agent, said in Seen(flight).statuses.items()}
+    assert max(ends.values()) - min(ends.values()) < 5.0
+    monkeypatch.setattr(landing, "_AT_REST_MPS", 100.0)
+    said = [each.text for each in broken(flown(land, clocks))]
+    assert any(text.startswith("agent 2 began to land") for text in said)
+
+
+def test_a_policy_that_weighs_too_little(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What it says is done, and of two the one that weighs more."""
+    policies = {"agent_lost": "hold", "estimate": "land"}
+    doubt = {"at_s": 17, "vehicle": {"agents": [2], "set": {"SIM_GPS_SATS": 4}}}
+    happens = [{"at_s": 16, "kill": [3]}, doubt]
+    steps = [{"takeoff": {"height_m": 4}}, {"form": {"shape": "hexagon"}}]
+    steps += [{"hold": {"duration_s": 20}}, "land"]
+    lost = partial(varied, happens, policies=policies, steps=steps)
+    assert broken(lost()) == []
+    by_policy = failsafes._by_policy
+
+    def light(policy: Any, reason: str, **more: Any) -> Any:
+        found = by_policy(policy, reason, **more)
+        return found and replace(found, action=FailsafeAction.HOLD)
+
+    monkeypatch.setattr(failsafes, "_by_policy", light)
+    texts = [each.text for each in broken(lost())]
+    assert any("did hold for estimate" in text and "says land" in text for text in texts)
+    assert any("was in doubt" in text and text.endswith("agent 2 did not land") for text in texts)
+
+
+def test_an_agent_that_is_given_up_too_early(monkeypatch: pytest.MonkeyPatch) -> None:
+    stop = "{at_s: 16, stop: [3], for_s: 3}"
+    assert broken(flown(stop)) == []
+    policies = {"agent_lost_after_s": 2.0}
+    early = varied([{"at_s": 16, "stop": [3], "for_s": 3}], policies=policies)
+    loaded = replace(early.mission, plan=flown().mission.plan)
+    texts = [each.text for each in broken(replace(early, mission=loaded))]
+    assert any("nothing was lost before 16 s" in text for text in texts)
+
+
+def test_a_link_whose_age_is_not_counted() -> None:
+    flight = flown("{at_s: 14, kill: [2]}")
+    said = tuple(
+        replace(status, links={i: replace(each, age_s=0.1) for i, each in status.links.items()})
+        for status in flight.statuses
+    )
+    assert Invariant.HEARD in kinds(replace(flight, statuses=said))
+
+
+def test_a_vehicle_that_is_too_fast(good: FlownScenario) -> None:
+    places = good.truth.position_ned_m.copy()
+    flies = (good.truth.time_s > 14) & (good.truth.time_s < 20)
+    places[flies, 1, 0] += 20.0 * (good.truth.time_s[flies] - 14)
+    assert Invariant.SLOW in kinds(with_truth(good, position_ned_m=places))
+
+
+def test_an_agent_that_ends_before_its_vehicle_is_disarmed(good: FlownScenario) -> None:
+    armed = good.truth.armed.copy()
+    armed[:, 1] = True
+    texts = [each.text for each in broken(with_truth(good, armed=armed))]
+    assert any("and its vehicle was armed" in text for text in texts)
+
+
+def split(happens: list[Any]) -> FlownScenario:
+    """Two groups of two that wait for each other at a barrier, which one reaches long before."""
+    mission: dict[str, Any] = {**yaml_file.read(LOW, what="mission").data, "name": "split"}
+    starts = ([14, 16], [12, 12], [10, 18], [16, 12])
+    mission["agents"] = [{"id": k, "start": at} for k, at in enumerate(starts, 1)]
+    mission["groups"] = {"red": [1, 2], "blue": [3, 4]}
+    red: list[Any] = [{"move": {"by": [2, 0]}}, {"barrier": {"name": "meet"}}]
+    red.append({"hold": {"duration_s": 4}})
+    blue: list[Any] = [{"move": {"by": [-2, 0]}}, {"hold": {"duration_s": 10}}]
+    blue.append({"barrier": {"name": "meet"}})
+    shapes = {"ring": {"kind": "ring", "side": 2}}
+    steps = [{"takeoff": {"height_m": 4}}, {"form": {"shape": "ring"}}]
+    steps += [{"split": {"red": red, "blue": blue}}, "land"]
+    text = {"version": 1, "mission": mission | {"shapes": shapes, "steps": steps}}
+    return fly_scenario(*scenario_of(yaml_file.write(text | {"happens": happens})))
+
+
+def test_groups_that_do_not_wait_for_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each agent is judged by its own steps."""
+    assert (
+        broken(split([{"at_s": 22, "order": "hold @blue"}, {"at_s": 30, "order": "resume"}])) == []
+    )
+    waits = Routes.open_to
+
+    def alone(self: Routes, agent: int, number: int, told: Any) -> bool:
+        own = self.of[agent].group(number).members
+        return waits(self, agent, number, {i: step for i, step in told.items() if i in own})
+
+    monkeypatch.setattr(Routes, "open_to", alone)
+    assert Invariant.TOGETHER in kinds(split([]))
+
+
+def test_a_loss_is_one_of_its_own_group() -> None:
+    """The other group flies on, until it waits for the lost one."""
+    flight = split([{"at_s": 20, "kill": [3]}])
+    assert broken(flight) == []
