@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Final, TypeAlias, TypeVar, get_args
+from typing import Any, Final, NamedTuple, TypeAlias, TypeVar, get_args
 
 import numpy as np
 
@@ -77,8 +77,8 @@ class Dice:
         return size if self.chance(0.5) else -size
 
 
-_SWAPS: Final = 0.2
-"""Of all missions: their agents change sides."""
+_VARIANTS: Final = {"": 60, "swap": 18, "stack": 8, "column": 4, "split": 14}
+"""How often a mission has steps of its own kind (`_VARIED`)."""
 _LAYERED: Final = 0.15
 """Of `form` steps: their slots lie at several heights."""
 _FAIR: Final = 0.12
@@ -91,10 +91,22 @@ _STEP_S: Final = 12.0
 """About so long takes a step of a short flight."""
 _ANSWERED: Final = 0.3
 """Of what happens: the operator gives an order soon after, or takes back one that holds."""
-_DIES_CROSSING: Final = 0.3
-"""Of the missions whose agents change sides."""
+_CROSSED: Final = 0.6
+"""Of the missions whose agents change sides: something befalls them meanwhile."""
+_TWO_LOSSES: Final = 0.12
+"""Of the flights that are not fair: two policies are to act at a time."""
 _TRIES: Final = 200
 _PILOTS: Final = get_args(Pilot)
+
+
+class _Swarm(NamedTuple):
+    """What happenings and orders name."""
+
+    ids: list[int]
+    shapes: list[str]
+    groups: list[str]
+    waiting: list[int]
+    """On the ground, to be launched."""
 
 
 def draw(
@@ -127,9 +139,13 @@ def draw(
 
 def _scenario(dice: Dice, wanted: Coverage, name: str, of: Data | None) -> Data:
     fair = dice.chance(_FAIR)
+    happens: list[Data] = []
+    losses: list[Data] = []
     if of is None:
-        mission = _mission(dice, wanted, fair=fair)
-        _fence(mission, dice, fair=fair)
+        mission, happens = _mission(dice, wanted, fair=fair)
+        losses = _two_losses(dice, mission) if not fair and dice.chance(_TWO_LOSSES) else []
+        if "fence" not in mission:
+            _fence(mission, dice, fair=fair)
         _zones(mission, dice)
     else:
         mission = dict(of)
@@ -150,15 +166,79 @@ def _scenario(dice: Dice, wanted: Coverage, name: str, of: Data | None) -> Data:
             "duplicate": dice.pick((0.0, 0.1)),
         }
         scenario["mesh"] = {name: value for name, value in quality.items() if value}
-    steps = [next(iter(step)) if isinstance(step, dict) else step for step in mission["steps"]]
-    shapes = [*mission.get("shapes", {})]
-    scenario["happens"] = _happenings(dice, wanted, ids, steps, shapes)
-    if of is None and _changes_sides(mission) and dice.chance(_DIES_CROSSING):
-        crossing = {"at_s": dice.number(18, 45, 1)}
-        scenario["happens"].append(crossing | {"kill": [dice.pick(ids)]})
+    steps = [kind for kind, _ in _flat(mission["steps"])]
+    waiting = [agent["id"] for agent in mission["agents"] if agent.get("waits")]
+    swarm = _Swarm(ids, [*mission.get("shapes", {})], [*mission.get("groups", {})], waiting)
+    scenario["happens"] = losses or happens + _happenings(dice, wanted, swarm, steps)
+    if of is None and _changes_sides(mission) and dice.chance(_CROSSED):
+        some = dice.pick(("", " @" + ",".join(map(str, _some(dice, ids)))))
+        crossings: tuple[Data, ...] = (
+            {"kill": [dice.pick(ids)]},
+            {"stop": [dice.pick(ids)], "for_s": dice.number(1, 8, 1)},
+            {"order": f"land{some}"},
+            {"order": f"return{some}"},
+        )
+        crossing = {"at_s": dice.number(18, 45, 1)} | dice.pick(crossings)
+        scenario["happens"].append(crossing)
+    if waiting and dice.chance(0.8):
+        launch = {"at_s": dice.number(10, 40, 1), "order": f"launch @{waiting[0]}"}
+        scenario["happens"].append(launch)
     if dice.chance(_REZONED):
         scenario["happens"] += _rezoned(dice, mission)
     return scenario
+
+
+def _flat(steps: Sequence[Any]) -> list[tuple[str, Data]]:
+    """Kind and body of each step, those of splits among them."""
+    found: list[tuple[str, Data]] = []
+    for step in steps:
+        kind, body = next(iter(step.items())) if isinstance(step, dict) else (step, {})
+        if kind == "split":
+            found += [each for part in body.values() for each in _flat(part)]
+        else:
+            found.append((kind, body or {}))
+    return found
+
+
+def _two_losses(dice: Dice, mission: Data) -> list[Data]:
+    """Two things that policies are for, one soon after the other, to the end; the first policy
+    holds mostly. Then perhaps an order. The mission waits for them, in the air."""
+    ids = sorted(agent["id"] for agent in mission["agents"])
+    one = dice.pick(ids)
+    found: list[Data] = []
+    at_s = dice.number(14, 30, 1)
+    for k, (policy, happening) in enumerate(dice.shuffled(_losses(dice, one, ids))[:2]):
+        mission["policies"][policy] = dice.pick(_ACTIONS, lambda act: 4 if act == "hold" else 1)
+        if policy == "fence":
+            _fence(mission, dice, fair=False, always=True)
+        if k == 1 and mission["policies"][policy] == "hold":
+            mission["policies"][policy] = dice.pick(("land", "return"))
+        found.append({"at_s": at_s} | happening)
+        at_s = round(at_s + dice.number(0.5, 12, 1), 1)
+    formed = [k for k, step in enumerate(mission["steps"]) if "form" in step]
+    if formed:
+        mission["steps"].insert(formed[0] + 1, {"hold": {"duration_s": dice.number(20, 40, 0)}})
+    if dice.chance(0.3):
+        found.append({"at_s": at_s, "order": dice.pick(("land", "return", f"land @{one}"))})
+    return found
+
+
+def _losses(dice: Dice, one: int, ids: list[int]) -> list[tuple[str, Data]]:
+    """What makes each policy act."""
+    some = _some(dice, ids)
+
+    def set_to(name: str, value: float) -> Data:
+        return {"vehicle": {"agents": [*some], "set": {f"SIM_{name}": value}}}
+
+    jump_m = dice.signed(40, 70, 0)
+    return [
+        ("agent_lost", {"kill": [one]}),
+        ("station_lost", {"station": "gone"}),
+        ("left_by_order", {"order": f"land @{one}"}),
+        ("estimate", set_to("GPS_SATS", 4)),
+        ("battery_low", set_to("BATT_DRAIN", 400.0)),
+        ("fence", set_to(dice.pick(("GPS_JUMP_N", "GPS_JUMP_E")), jump_m)),
+    ]
 
 
 def _rezoned(dice: Dice, mission: Data) -> list[Data]:
@@ -210,9 +290,7 @@ def _weather(dice: Dice) -> Data:
 # --- what happens ---
 
 
-def _happenings(
-    dice: Dice, wanted: Coverage, ids: list[int], steps: list[str], shapes: list[str]
-) -> list[Data]:
+def _happenings(dice: Dice, wanted: Coverage, swarm: _Swarm, steps: list[str]) -> list[Data]:
     """Up to five, at any time of a short flight; some right behind another."""
     found: list[Data] = []
     at_s, after, most_s = 0.0, NOTHING, 10.0 + _STEP_S * len(steps)
@@ -222,38 +300,42 @@ def _happenings(
         # which step that will be in is not known yet: about
         step = steps[min(int(at_s / most_s * len(steps)), len(steps) - 1)]
         what = dice.pick(WHATS, lambda each: wanted.wants(CoverageCell(step, after, each)))  # noqa: B023
-        found += _happening(dice, what, at_s, ids, shapes)
+        found += _happening(dice, what, at_s, swarm)
         if found and not found[-1].get("order"):
             after = what.split()[0]
         if found and dice.chance(_ANSWERED):
-            found += _answer(dice, found[-1], ids, shapes)
+            found += _answer(dice, found[-1], swarm)
     return found
 
 
-def _answer(dice: Dice, happening: Data, ids: list[int], shapes: list[str]) -> list[Data]:
+def _answer(dice: Dice, happening: Data, swarm: _Swarm) -> list[Data]:
     """What the operator orders after this: on again, after an order that holds and after a pilot;
     else something quick."""
     at_s, line = happening["at_s"], happening.get("order", "")
     kind, _, rest = line.partition(" ")
-    if kind in ("hold", "expel"):
-        again = "resume" if kind == "hold" else "readmit"
-        at_s = round(at_s + dice.number(2, 40, 1), 1)
+    again = _TAKEN_BACK.get(kind)
+    if again:
+        at_s, rest = round(at_s + dice.number(2, 40, 1), 1), rest[rest.find("@") :]
         return [{"at_s": at_s, "order": f"{again} {rest}".strip()}]
     if line:
         return []
     if "pilot" in happening and dice.chance(0.6):
         order = "resume @" + ",".join(map(str, happening["pilot"]["agents"]))
     else:
-        order = _order(dice, dice.pick(("land", "return", "hold", "resume", "next")), ids, shapes)
+        order = _order(dice, dice.pick(("land", "return", "hold", "resume", "next")), swarm)
     return [{"at_s": round(at_s + dice.number(0.2, 8, 1), 1), "order": order}]
 
 
-def _happening(dice: Dice, what: str, at_s: float, ids: list[int], shapes: list[str]) -> list[Data]:
+_TAKEN_BACK: Final = {"hold": "resume", "expel": "readmit", "goto": "join"}
+
+
+def _happening(dice: Dice, what: str, at_s: float, swarm: _Swarm) -> list[Data]:
     kind, _, which = what.partition(" ")
+    ids = swarm.ids
     happening: Data = {"at_s": at_s}
     match kind:
         case "order":
-            happening["order"] = _order(dice, which, ids, shapes)
+            happening["order"] = _order(dice, which, swarm)
         case "kill":
             happening["kill"] = _some(dice, ids)
         case "restart":
@@ -293,27 +375,34 @@ def _happening(dice: Dice, what: str, at_s: float, ids: list[int], shapes: list[
     return [happening]
 
 
-def _order(dice: Dice, kind: str, ids: list[int], shapes: list[str]) -> str:
-    some = "" if dice.chance(0.55) else " @" + ",".join(map(str, _some(dice, ids)))
+def _order(dice: Dice, kind: str, swarm: _Swarm) -> str:
+    ids, shapes = swarm.ids, swarm.shapes
+    few = " @" + ",".join(map(str, _some(dice, ids)))
+    some = "" if dice.chance(0.55) else few
+    group = f" @{dice.pick(swarm.groups)}" if swarm.groups else ""
+    some = group if group and dice.chance(0.5) else some
+    north, east = dice.signed(1, 15, 0), dice.signed(1, 15, 0)
     match kind:
         case "form":
-            return f"form {dice.pick(shapes)}" if shapes else f"hold{some}"
+            return f"form {dice.pick(shapes)}{group}" if shapes else f"hold{some}"
         case "move":
-            north, east = dice.signed(1, 15, 0), dice.signed(1, 15, 0)
-            return f"move {north:g} {east:g}"
+            return f"move {north:g} {east:g}{group}"
+        case "goto":
+            return f"goto {2 * north:g} {2 * east:g}{few}"
+        case "launch":
+            return f"launch @{swarm.waiting[0]}" if swarm.waiting else f"resume{some}"
         case "tune":
             return dice.pick(("tune h=0.1", "tune h=0.15 delta_a=0.2", "tune plan"))
         case "zone":
             if dice.chance(0.3):
                 return "zone lift drawn"
-            north, east = dice.signed(1, 15, 0), dice.signed(1, 15, 0)
             return f"zone add drawn circle {north:g} {east:g} {dice.number(0.5, 4.0, 1):g}"
         case "expel" | "readmit":
-            return f"{kind} {dice.pick(ids)}"
+            return f"{kind} @{dice.pick(ids)}"
         case "next":
-            return "next"
+            return f"next{group}"
         case "follow":
-            return "follow boat"
+            return f"follow boat{group}"
     return f"{kind}{some}"
 
 
@@ -354,9 +443,11 @@ def _some(dice: Dice, ids: Sequence[int]) -> list[int]:
 # --- the mission ---
 
 
-def _mission(dice: Dice, wanted: Coverage, *, fair: bool) -> Data:
-    """A mission's data; `validate` may still refuse it."""
+def _mission(dice: Dice, wanted: Coverage, *, fair: bool) -> tuple[Data, list[Data]]:
+    """A mission's data, which `validate` may still refuse; and what is to befall it."""
+    variant = dice.pick([*_VARIANTS], _VARIANTS.__getitem__)
     count = dice.pick((2, 3, 4, 5, 6, 7, 8), lambda n: {2: 34, 3: 30, 4: 20}.get(n, 4))
+    count = dice.pick({"split": (4, 4, 5, 6, 7), "stack": (2, 3, 4, 6)}.get(variant, (count,)))
     unit_m = dice.pick((1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 5.0))
     r_in = dice.number(max(0.4, 1.0 / unit_m), 0.75)
     spacing = _APART * 1.5 + dice.pick((0.02, 0.1, 0.4))
@@ -384,21 +475,20 @@ def _mission(dice: Dice, wanted: Coverage, *, fair: bool) -> Data:
     mission["shapes"] = {name: _shape(dice, count, spacing) for name in ("one", "other")}
     speed_mps = mission.get("vehicle", {}).get("limits", {}).get("speed_mps", 3.0)
     mission["steps"] = _steps(dice, wanted, ids, speed_mps, fair=fair)
-    if any("follow" in step for step in mission["steps"]):
+    happens = _VARIED[variant](dice, mission, spacing) if variant else []
+    if any(kind == "follow" for kind, _ in _flat(mission["steps"])):
         mission["targets"] = {"boat": _target(dice, speed_mps, unit_m)}
     mission["fleet"] = _fleet(dice, ids, fair=fair)
-    if dice.chance(_SWAPS):
-        _swap(dice, mission, spacing)
-    return _in_metres(mission) if dice.chance(0.1) else mission
+    return (_in_metres(mission) if dice.chance(0.1) else mission), happens
 
 
 def _changes_sides(mission: Data) -> bool:
     """By `_swap`: both its shapes have fixed slots."""
-    forms = [step["form"] for step in mission["steps"] if "form" in step]
+    forms = [body for kind, body in _flat(mission["steps"]) if kind == "form"]
     return len(forms) == 2 and all(form.get("slots") == "fixed" for form in forms)
 
 
-def _swap(dice: Dice, mission: Data, spacing: float) -> None:
+def _swap(dice: Dice, mission: Data, spacing: float) -> list[Data]:
     """All change sides: each flies through the middle to the slot opposite to its own, or to any
     other agent's."""
     count = len(mission["agents"])
@@ -415,11 +505,98 @@ def _swap(dice: Dice, mission: Data, spacing: float) -> None:
         others = [[round(-n, 3), round(-e, 3)] for n, e in reversed(dice.shuffled(points))]
     for name, offsets in zip(("one", "other"), (points, others), strict=True):
         mission["shapes"][name] = {"kind": "offsets", "offsets": offsets}
-    forms = [
-        {"form": {"shape": name, "slots": "fixed", "settle_s": 1.0, "timeout_s": 90.0}}
-        for name in ("one", "other")
-    ]
+    forms = [_formed(name, 90.0, slots="fixed") for name in _SHAPES]
     mission["steps"] = [mission["steps"][0], *forms, mission["steps"][-1]]
+    return []
+
+
+def _stack(dice: Dice, mission: Data, spacing: float) -> list[Data]:
+    """A ring too narrow for one height, in layers that turn; all leave it for a shape at one
+    height."""
+    count = len(mission["agents"])
+    layers = dice.pick([k for k in (2, 3) if count % k == 0])
+    turn, apart_m = 2 * math.pi / count, dice.number(5.5, 8, 1)
+    radius = dice.number(0.25, 0.6)
+    if count > layers:
+        radius = round((spacing + 0.02) / (2 * math.sin(0.5 * layers * turn)), 2)
+    mission["wake"] = {"rotor_distance_m": 0.16, "mass_kg": 0.25}
+    names = [name for name in _SHAPES if name == "one" or dice.chance(0.7)]
+    for k, name in enumerate(names):
+        mission["shapes"][name] = {
+            "kind": "offsets",
+            "offsets": [
+                [
+                    round(radius * math.cos(turn * place), 3),
+                    round(radius * math.sin(turn * place), 3),
+                ]
+                for place in range(count)
+            ],
+            "up_m": [round(apart_m * ((place + k) % layers), 1) for place in range(count)],
+        }
+    mission["shapes"]["flat"] = {"kind": "grid", "spacing": round(spacing + 0.02, 2)}
+    forms = [_formed(name, 120.0, slots="fixed") for name in (*names, "flat")]
+    mission["steps"] = [mission["steps"][0], *forms, mission["steps"][-1]]
+    return []
+
+
+def _formed(shape: str, timeout_s: float, **more: Any) -> Data:
+    return {"form": {"shape": shape, "settle_s": 1.0, "timeout_s": timeout_s, **more}}
+
+
+def _column(dice: Dice, mission: Data, spacing: float) -> list[Data]:
+    """One behind the other, all move on; then there is something in the way of the first."""
+    count, unit_m = len(mission["agents"]), mission["unit_m"]
+    spacing, way = round(spacing + 0.02, 2), dice.signed(4, 8, 1)
+    mission["shapes"]["one"] = {"kind": "column", "spacing": spacing}
+    move = {"move": {"by": [way, 0.0], "settle_s": 1.0, "timeout_s": 60.0}}
+    form = _formed("one", 60.0, slots="fixed")
+    mission["steps"] = [mission["steps"][0], form, move, mission["steps"][-1]]
+    norths, easts = zip(*(agent["start"] for agent in mission["agents"]), strict=True)
+    ahead = math.copysign((count - 1) / 2 * spacing + dice.number(0.8, 3), way)
+    north_m, east_m = (sum(norths) / count + ahead) * unit_m, sum(easts) / count * unit_m
+    at = f"{north_m:.1f} {east_m + dice.signed(0, 1, 1):.1f} {dice.number(0.3, 1.5):g}"
+    return [{"at_s": dice.number(14, 32, 1), "order": f"zone add post circle {at}"}]
+
+
+def _split(dice: Dice, mission: Data, spacing: float) -> list[Data]:
+    """Two or three groups fly apart, perhaps wait for each other, and join, or land by
+    themselves. Perhaps one agent waits on the ground."""
+    ids = dice.shuffled(sorted(agent["id"] for agent in mission["agents"]))
+    names = ["red", "blue", "green"][: dice.pick((2, 2, 3)) if len(ids) > 5 else 2]
+    size = len(ids) // len(names) - (1 if len(ids) > 2 * len(names) and dice.chance(0.3) else 0)
+    mission["groups"] = {n: sorted(ids[k * size : (k + 1) * size]) for k, n in enumerate(names)}
+    mission["shapes"] = {name: _shape(dice, len(ids), spacing, fits=True) for name in _SHAPES}
+    if dice.chance(0.25):
+        dice.pick(mission["agents"])["waits"] = True
+    gap = {"on_gap": "close"} if dice.chance(0.4) else {}
+    meet = dice.some(names, 2) if dice.chance(0.6) else []
+    parts: dict[str, list[Data]] = {}
+    for k, (name, members) in enumerate(mission["groups"].items()):
+        turn, way = 2 * math.pi * (k + dice.number(0, 0.1)) / len(names), dice.number(3.5, 6, 1)
+        by = [round(way * math.cos(turn), 2), round(way * math.sin(turn), 2)]
+        steps: list[Data] = [{"move": {"by": by, "settle_s": 1.0, "timeout_s": 60.0}}]
+        for kind in dice.some(("form", "hold", "move", "rotate"), dice.whole(0, 2)):
+            body = _body(dice, kind, members, 1.5, fair=True)
+            flat = {key: value for key, value in body.items() if key != "layers"}
+            steps.append({kind: flat | gap} if kind == "form" else {kind: body})
+        if name in meet:
+            steps.insert(dice.whole(1, len(steps)), {"barrier": {"name": "meet"}})
+        if dice.chance(0.15) and name != names[0]:
+            steps.append({dice.pick(("land", "return")): {}})
+        parts[name] = steps
+    between = [_formed("other", 90.0, **gap)] if dice.chance(0.7) else []
+    first, last = mission["steps"][0], mission["steps"][-1]
+    mission["steps"] = [first, _formed("one", 60.0, **gap), {"split": parts}, *between, last]
+    return []
+
+
+_VARIED: Final[dict[str, Callable[[Dice, Data, float], list[Data]]]] = {
+    "swap": _swap,
+    "stack": _stack,
+    "column": _column,
+    "split": _split,
+}
+_SHAPES: Final = ("one", "other")
 
 
 def _gains(dice: Dice) -> Data:
@@ -513,9 +690,11 @@ def _links(dice: Dice, ids: list[int]) -> list[list[int]]:
     return tree + dice.some(more, dice.whole(0, len(more)))
 
 
-def _shape(dice: Dice, count: int, spacing: float) -> Data:
-    kinds = ["ring", "line", "column", "grid", "vee", "wedge", "offsets"]
-    kinds += ["circle"] * (count > 2) + ["star"] * (count > 3) + ["letters"] * (count > 2)
+def _shape(dice: Dice, count: int, spacing: float, *, fits: bool = False) -> Data:
+    """`fits`: also fewer agents than these."""
+    kinds = ["ring", "line", "column", "grid", "vee", "wedge"]
+    if not fits:
+        kinds += _of_all(count)
     kind = dice.pick(kinds)
     shape: Data = {"kind": kind}
     wide = round(spacing * dice.number(1.0, 1.3) + 0.01, 2)
@@ -524,7 +703,8 @@ def _shape(dice: Dice, count: int, spacing: float) -> Data:
         shape["offsets"] = [list(point) for point in points]
     elif kind == "ring":
         around = wide / (2 * math.sin(math.pi / count))
-        shape |= {"radius": round(around + 0.01, 2)} if dice.chance(0.4) else {"side": wide}
+        by_radius = not fits and dice.chance(0.4)
+        shape |= {"radius": round(around + 0.01, 2)} if by_radius else {"side": wide}
     elif kind == "circle":
         chord = wide / (2 * math.sin(math.pi / (count - 1)))
         shape["radius"] = round(max(wide, chord) + 0.01, 2)
@@ -537,11 +717,17 @@ def _shape(dice: Dice, count: int, spacing: float) -> Data:
         shape["spacing"] = wide
     if kind == "vee" and dice.chance(0.5):
         shape["angle_deg"] = dice.number(60, 150, 0)
-    if kind == "grid" and dice.chance(0.3):
+    if kind == "grid" and not fits and dice.chance(0.3):
         shape["columns"] = dice.whole(1, count)
     if dice.chance(0.4):
         shape["rotation_deg"] = dice.number(-180, 180, 0)
     return shape
+
+
+def _of_all(count: int) -> list[str]:
+    """Kinds of shapes that so many agents fill, and fewer may not."""
+    kinds = ["offsets"] + ["circle"] * (count > 2)
+    return kinds + ["star"] * (count > 3) + ["letters"] * (count > 2)
 
 
 def _steps(
@@ -635,16 +821,14 @@ def _responses(dice: Dice) -> Data:
     return {"response": believed, "simulated_response": true}
 
 
-def _fence(mission: Data, dice: Dice, *, fair: bool) -> None:
+def _fence(mission: Data, dice: Dice, *, fair: bool, always: bool = False) -> None:
     """Draw a fence around all places that the plan goes to; in fair weather with room to spare."""
-    if dice.chance(0.6):
+    if not always and dice.chance(0.6):
         return
     plan = loads(yaml_file.write(mission)).plan
-    leaves = not fair and dice.chance(0.25)  # the plan leads out of it: `validate` warns
     places_m = [place for at in plan.all_steps() for place in at.after.places_m()]
-    places_m = [] if leaves else places_m
     places_m += [(n * plan.unit_m, e * plan.unit_m) for n, e in (a.start for a in plan.agents)]
-    top_m = max(at.step.climbs_to_m or 0.0 for at in plan.all_steps())
+    top_m = max(max(at.after.heights_m, default=0.0) for at in plan.all_steps())
     metre = 1.0 if mission.get("lengths") == "metres" else 1.0 / plan.unit_m
     room_m = dice.number(14, 25, 0) if fair or dice.chance(0.6) else dice.number(1, 8, 1)
     norths, easts = zip(*places_m, strict=True)
@@ -665,7 +849,7 @@ def _fence(mission: Data, dice: Dice, *, fair: bool) -> None:
 def _zones(mission: Data, dice: Dice) -> None:
     """Draw zones between the places that the plan goes to: trees, huts, and walls that lines to
     places and ways of a `move` meet."""
-    if dice.chance(0.7):
+    if dice.chance(0.7) or "zones" in mission:
         return
     plan = loads(yaml_file.write(mission)).plan
     stands = (at for group in plan.groups for at in group.formations(plan.unit_m))
@@ -712,8 +896,9 @@ def _in_metres(mission: Data) -> Data:
     lengths = ("side", "radius", "inner_radius", "spacing", "height", "offsets")
     for shape in mission["shapes"].values():
         shape |= {name: metres(shape[name]) for name in lengths if name in shape}
-    for step in mission["steps"]:
-        body = next(iter(step.values()))
+    for zone in mission.get("zones", {}).values():
+        zone |= {name: metres(zone[name]) for name in ("circle", "radius")}
+    for _, body in _flat(mission["steps"]):
         names = ("to", "by", "along", "offset")
         body |= {name: metres(body[name]) for name in names if name in body}
     for target in mission.get("targets", {}).values():

@@ -22,8 +22,8 @@ from swarm_ctl.fuzz.draw import Data, Dice, draw
 from swarm_ctl.fuzz.invariants import Broken, Invariant
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.mission.input import yaml_file
+from swarm_ctl.mission.steps.table import KINDS
 from swarm_ctl.virtual.scenario import Scenario, load_scenario, scenario_of, scenario_text
-from tests.unit.plans import steps_of
 
 MISSIONS = Path(__file__).parents[3] / "missions"
 DRAWN = 12
@@ -44,9 +44,8 @@ def test_all_kinds_are_drawn() -> None:
     drawn = [draw(9, number, Coverage()) for number in range(6 * DRAWN)]
     kinds = {each.kind for scenario, _ in drawn for each in scenario.happens}
     assert kinds == {*FAULTS, "order"}
-    steps = {step.kind for _, mission in drawn for step in steps_of(mission.plan)}
-    moves = {"move", "rotate", "scale", "follow"}
-    assert steps == {"takeoff", "form", "hold", "return", "land", *moves}
+    steps = {at.step.kind for _, mission in drawn for at in mission.plan.all_steps()}
+    assert steps == {*KINDS}
     assert any(mission.plan.wake for _, mission in drawn)
     assert {entry.autopilot for _, m in drawn for entry in m.fleet.agents} == {"ardupilot", "px4"}
     assert any(mission.plan.fence for _, mission in drawn)
@@ -307,10 +306,14 @@ def test_the_command_says_by_its_exit_code_what_it_found(
     assert "it does not break that" in mended.output
 
 
-def test_a_mission_that_splits_is_refused(tmp_path: Path) -> None:
-    """What must hold is said of agents that fly the same steps."""
-    options = ["fuzz", str(MISSIONS / "groups.yaml"), "--out", str(tmp_path / "out")]
-    found = CliRunner().invoke(app, options)
-    assert isinstance(found.exception, InputError)
-    assert "splits into groups (all, scouts, " in str(found.exception)
-    assert not (tmp_path / "out").exists()
+def test_a_mission_that_splits_is_varied() -> None:
+    """Its groups are drawn into orders by their names; and such missions are drawn."""
+    file = load(MISSIONS / "groups.yaml").file
+    data = file.model_dump(mode="json", exclude_unset=True, by_alias=True)
+    drawn = [draw(1, number, Coverage(), data) for number in range(DRAWN)]
+    lines = [each.order for scenario, _ in drawn for each in scenario.happens]
+    assert any("@scouts" in line or "@sweepers" in line for line in lines)
+    plans = [draw(9, number, Coverage())[1].plan for number in range(3 * DRAWN)]
+    split = [plan for plan in plans if len(plan.groups) > 1]
+    assert split
+    assert any(step.barrier for plan in split for group in plan.groups for step in group.steps)
