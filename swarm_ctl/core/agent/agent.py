@@ -414,7 +414,8 @@ class Agent:
         own.observe(tick.view)
         group.measure(tick, self._controller.stop_point_m, airborne=own.was_armed)
         group.watch_commands(tick, self._command_handler.tag, interruption.trigger)
-        group.close_gaps(tick, airborne=own.was_armed)
+        if self._command_handler.sent_to is None:
+            group.close_gaps(tick, airborne=own.was_armed)
         if group.alone(tick.now):
             self._drop_command(tick)
         self._hold_if_expelled()

@@ -135,7 +135,7 @@ class CommandHandler:
             return known, False
         reason = self._origins.refusal(command, situation.peers.now_s)
         reason = printable(reason or self._refusal(command, situation), _LONGEST_REASON)
-        obeyed = not reason and not _past(command, situation)
+        obeyed = not reason and not _done(command, situation)
         if obeyed:
             self._obey(command, situation, leg)
         ack = Ack(self._id, command.id, not reason, reason)
@@ -239,8 +239,12 @@ class CommandHandler:
         return True
 
 
-def _past(command: Command, situation: AgentSituation) -> bool:
-    """A `next` that is done already: the swarm is past the step that it was meant to end."""
+def _done(command: Command, situation: AgentSituation) -> bool:
+    """What is done already: a `next`, as the swarm is past the step that it was meant to end; a
+    `resume` to all, as this agent flies its mission and others are held."""
+    if command.kind == CommandKind.RESUME:
+        waits = situation.held or situation.override is not None
+        return not waits and situation.phase is not Phase.YIELD
     return command.kind == CommandKind.NEXT and 0 < command.at_step < situation.progress.step
 
 
@@ -248,6 +252,7 @@ def _past(command: Command, situation: AgentSituation) -> bool:
 
 _TOGETHER: Final = (CommandKind.FORM, CommandKind.MOVE, CommandKind.FOLLOW)
 _WAY_DOWN: Final = "allowed now: land, kill"
+_HELD: Final = (Phase.HOLD, Phase.YIELD)
 
 
 def _check_kill(_: Command, situation: AgentSituation) -> str:
@@ -295,6 +300,9 @@ def _check_resume(command: Command, situation: AgentSituation) -> str:
     if situation.held:
         return ""
     if situation.override is None:
+        peers = situation.peers.fresh() if situation.phase is Phase.FLY else ()
+        if not command.agents and any(s.override or s.phase in _HELD for s in peers):
+            return ""
         return f"agent {situation.agent} is not held; there is nothing to resume"
     return _check_flying(command, situation)
 

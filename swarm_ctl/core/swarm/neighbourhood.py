@@ -78,8 +78,9 @@ class Neighbourhood:
             what = "stays connected"
             if len(parts) > 1:
                 what = f"falls apart: {' | '.join(map(str, parts))}"
-            names = ", ".join(map(str, gone))
-            said.append((Severity.WARNING, f"neighbour {names} is not heard; the graph {what}"))
+            are = f"{'neighbours' if len(gone) > 1 else 'neighbour'} {', '.join(map(str, gone))}"
+            are += " are" if len(gone) > 1 else " is"
+            said.append((Severity.WARNING, f"{are} not heard; the graph {what}"))
         return said
 
     def _apply(self) -> None:

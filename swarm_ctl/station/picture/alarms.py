@@ -17,6 +17,7 @@ from typing import Final
 from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.messages import (
     AgentStatus,
+    CommandKind,
     Gains,
     PairReport,
     Phase,
@@ -225,8 +226,10 @@ _TAKEN_S: Final = 1.0
 
 
 def _held_alone(view: SwarmView, limit_s: float) -> Found:
-    """Agents that fly a command which was not given to all, or that not all have taken."""
+    """Agents that fly a command which was not given to all, or that not all have taken; but for
+    those that were sent to a point, for whom nobody waits."""
     flying = [agent for agent in view.agents if agent.live and agent.state is not None]
+    flying = [a for a in flying if a.state and a.state.left is not CommandKind.GOTO]
     tags = {a.id: a.state.override for a in flying if a.state and a.state.override}
     if tags and len(tags) < len(flying):
         to_all = {c.command.tag: c.received_s for c in view.commands if not c.command.agents}

@@ -38,6 +38,7 @@ from tests.unit.core.builders import (
     RETURNING,
     SLOTS,
     TAKEOFF,
+    peer,
     plan,
     progress,
     snapshot,
@@ -153,6 +154,20 @@ def test_resume_takes_a_vehicle_again_that_is_given_back() -> None:
     assert answer(command("resume"), given_back).accepted
     others = set(KINDS) - {CommandKind.RESUME, CommandKind.KILL, *ASKS, *ABOUT}
     assert not any(answer(command(kind), given_back).accepted for kind in others)
+
+
+@pytest.mark.parametrize(
+    "waits", [{"override": 7}, {"phase": Phase.HOLD}, {"phase": Phase.YIELD}], ids=str
+)
+def test_a_resume_to_all_is_done_for_those_that_fly_on(waits: dict[str, Any]) -> None:
+    """While another agent waits for it. By its own number it is refused, and so it is of all where
+    none waits."""
+    handler = CommandHandler(PLAN, OWN, HASH)
+    some = replace(situation(), peers=snapshot(peer(2), peer(3, **waits)))
+    ack, new = handler.answer(command("resume"), some, 0)
+    assert (ack.accepted, new) == (True, False)
+    assert not answer(command("resume", agents=(OWN,)), some).accepted
+    assert not answer(command("resume"), situation()).accepted
 
 
 def test_a_target_that_the_mission_has_not_is_refused_with_its_name() -> None:

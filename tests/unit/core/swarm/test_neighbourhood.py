@@ -85,10 +85,11 @@ def test_a_step_brings_its_graph() -> None:
     [
         (3, {4}, "neighbour 4 is not heard; the graph falls apart: (1, 2, 3) | (5,)"),
         (1, {2}, "neighbour 2 is not heard; the graph falls apart: (1,) | (3, 4, 5)"),
+        (3, {2, 4}, "neighbours 2, 4 are not heard; the graph falls apart: (1,) | (3,) | (5,)"),
         (3, {1}, ""),
         (3, set(), ""),
     ],
-    ids=["in the middle", "at the end", "no neighbour", "all are heard"],
+    ids=["in the middle", "at the end", "both", "no neighbour", "all are heard"],
 )
 def test_a_silent_neighbour_is_reported(agent: int, silent: set[int], said: str) -> None:
     """Once, with what it does to the graph; and when it is heard again."""

@@ -11,6 +11,7 @@ import pytest
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import (
     Command,
+    CommandKind,
     ExchangeState,
     LinkReport,
     Outcome,
@@ -499,6 +500,14 @@ def test_a_command_to_some_is_told_with_its_sender(heard: bool, who: str) -> Non
     model.fold(state_of(PLAN, 4, 30.02, 2000, override=command.tag), 30.03)
     (alarm,) = (each for each in alarms(model.view(30.03)) if each.name == "held alone")
     assert f"held by a command ({who})" in alarm.words
+
+
+def test_who_was_sent_to_a_point_holds_nobody() -> None:
+    """The others go on without it."""
+    model = flying_model(PLAN)
+    sent = {"override": 7, "left": CommandKind.GOTO}
+    model.fold(state_of(PLAN, 4, 30.02, 2000, **sent), 30.03)
+    assert all(each.name != "held alone" for each in alarms(model.view(30.03)))
 
 
 def test_a_command_to_all_that_some_take_a_moment_later_holds_nobody_alone() -> None:
