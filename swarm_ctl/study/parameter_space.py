@@ -23,7 +23,7 @@ from pydantic import (
     model_validator,
 )
 
-from swarm_ctl.core.law.stop_point import TYPICAL
+from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.plan import Compensation, LawParameters, Response
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
 from swarm_ctl.law_loader import pinned
@@ -61,7 +61,6 @@ WOOD_RANGES: Final = ("trunks", "trunk", "gap")
 RANGES: Final = (*FIRST_RANGES, *LATER_RANGES, "lag_error_s", *WOOD_RANGES)
 SIGNED: Final = ("late_s", "lag_error_s")
 """Errors, which may be negative, too."""
-_FIRMWARE: Final = ("ardupilot", "px4")
 
 
 class Range(BaseModel):
@@ -201,7 +200,8 @@ class Cell(_Common):
         middle = Response(
             self.dead_time_s.middle, max(self.lag_s.middle, 1e-3), self.acceleration_mps2.middle
         )
-        known = TYPICAL.get(self.vehicle, middle)
+        kind = AUTOPILOT_KINDS.get(self.vehicle)
+        known = middle if kind is None else kind.response
         lag_s, dead_time_s, acceleration_mps2 = (getattr(self, name) for name in MODEL)
         return Response(
             known.dead_time_s if dead_time_s is None else dead_time_s,
@@ -348,7 +348,8 @@ class Study(_Common):
             ),
             (all(loss.high < 1 for loss in self.loss), "loss: allowed: 0 to under 1"),
             (
-                not any(w.high for w in self.wind_mps) or set(self.vehicle) <= set(_FIRMWARE),
+                not any(w.high for w in self.wind_mps)
+                or set(self.vehicle) <= AUTOPILOT_KINDS.keys(),
                 "wind_mps: only the vehicles ardupilot and px4 feel wind",
             ),
             (all(share.high <= 1 for share in self.silent), "silent: allowed: 0 to 1"),

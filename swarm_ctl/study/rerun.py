@@ -13,8 +13,8 @@ import yaml
 from rich.table import Table
 
 from swarm_ctl.core.kernel.law import STATUSES
-from swarm_ctl.core.law.stop_point import TYPICAL
 from swarm_ctl.core.model.arrays import Floats, Indices
+from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.plan import LawParameters
 from swarm_ctl.errors import InputError
 from swarm_ctl.study.batch.batch import Batch
@@ -152,7 +152,7 @@ def _not_carried(batch: Batch) -> Iterator[str]:
     delay_s = batch.delay_s[:, 0]
     if delay_s.any():
         yield f"delay_s {_ends(delay_s)}"
-    if batch.cell.vehicle in TYPICAL and (late_s := batch.late_s[:, 0]).any():
+    if batch.cell.vehicle in AUTOPILOT_KINDS and (late_s := batch.late_s[:, 0]).any():
         yield f"late_s {_ends(late_s)}"
     if batch.woods[0] is not None:
         yield "a move in file whatever room there is (where all have a way together, they take it)"

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.core.law.stop_point import TYPICAL
+from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.fleet import VehicleKind
 from tests.autopilots.sitl import needed
 from tests.system.running import SWARM_CTL
@@ -35,7 +35,7 @@ def test_an_autopilot_answers_about_as_its_typical_response_says(
     assert done.returncode == 0, done.stdout + done.stderr
     found = re.search(r"dead_time_s: ([\d.]+), lag_s: ([\d.]+)", done.stdout)
     assert found is not None
-    typical = TYPICAL[kind.autopilot or ""]
+    typical = AUTOPILOT_KINDS[kind.autopilot or ""].response
     late_s = float(found[1]) + float(found[2])
     assert late_s == pytest.approx(typical.dead_time_s + typical.lag_s, abs=0.4)
     assert not list(tmp_path.iterdir())

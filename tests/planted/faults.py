@@ -167,9 +167,9 @@ FAULTS: Final = (
     Fault(
         "link-setpoints",
         "a vehicle flies its silent agent's last setpoint for five seconds",
-        "swarm_ctl/core/model/timeouts.py",
-        'SETPOINT_TIMEOUT_S: Final = {"ardupilot": 0.5, "px4": 1.0}',
-        'SETPOINT_TIMEOUT_S: Final = {"ardupilot": 5.0, "px4": 5.0}',
+        "swarm_ctl/core/model/autopilots.py",
+        "setpoint_timeout_s=0.5,",
+        "setpoint_timeout_s=5.0,",
         r"kill|stop",
     ),
     Fault(

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import common
 
 from swarm_ctl.core.identification.fit import Fit, fit
 from swarm_ctl.core.identification.step_flight import StepFlight, Steps
-from swarm_ctl.core.law.stop_point import TYPICAL
+from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.plan import Fence, Geodetic
 from swarm_ctl.core.safety.fence import outside
 from swarm_ctl.mavlink.link import VehicleLink
@@ -55,7 +55,7 @@ class Measured:
             self.hub.world.groups[persona].response = motion
         self.persona, self.now = persona, 0.0
         self.link = VehicleLink(near, persona, 7)
-        self.flight = StepFlight(STEPS, TYPICAL[persona], TICK_S, fence, HERE)
+        self.flight = StepFlight(STEPS, AUTOPILOT_KINDS[persona].response, TICK_S, fence, HERE)
         self.texts: list[str] = []
         self.farthest_m = self.highest_m = 0.0
         self.deaf = False
@@ -110,7 +110,7 @@ class Measured:
         assert self.flight.missing == ""
         assert len(self.flight.legs) == legs
         assert self.parked
-        return fit(self.flight.legs, TYPICAL[self.persona])
+        return fit(self.flight.legs, AUTOPILOT_KINDS[self.persona].response)
 
 
 def test_an_arducopter_is_measured_and_a_slower_one_found_slower() -> None:
@@ -118,7 +118,7 @@ def test_an_arducopter_is_measured_and_a_slower_one_found_slower() -> None:
     just that. All of it within the box, and the vehicle stands where it stood.
     """
     usual = Measured()
-    typical, found = TYPICAL["ardupilot"], usual.found()
+    typical, found = AUTOPILOT_KINDS["ardupilot"].response, usual.found()
     assert found.usable
     assert found.warnings == ()
     assert found.response.dead_time_s == pytest.approx(typical.dead_time_s, abs=0.1)
@@ -143,7 +143,7 @@ def test_a_px4_is_measured_although_a_leg_has_a_gap() -> None:
     """It starts at once and creeps in: no dead time worth the name, the longer lag. The gap is of a
     busy machine: the vehicle stops by itself meanwhile, and the leg does not count. What is left is
     enough, as long as each kind is there."""
-    measured, typical = Measured("px4"), TYPICAL["px4"]
+    measured, typical = Measured("px4"), AUTOPILOT_KINDS["px4"].response
     measured.until(lambda: any("north, 3 m/s for 0.7" in text for text in measured.texts))
     measured.now += 0.4
     found = measured.found(legs=7)

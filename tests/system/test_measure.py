@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.core.law.stop_point import TYPICAL
+from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.mission.fleet.fleet_file import read_fleet
 
 SWARM_CTL = str(Path(sys.executable).parent / "swarm-ctl")
@@ -62,7 +62,7 @@ def test_the_whole_fleet(fleet: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     assert "# the big one" in fleet.read_text()
     for agent in read_fleet(fleet).agents:
-        typical = TYPICAL[agent.autopilot]
+        typical = AUTOPILOT_KINDS[agent.autopilot].response
         assert agent.response != typical
         total = agent.response.dead_time_s + agent.response.lag_s
         assert total == pytest.approx(typical.dead_time_s + typical.lag_s, abs=0.25)

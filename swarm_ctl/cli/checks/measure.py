@@ -98,7 +98,7 @@ def measure(
         swarm-ctl measure --vehicles arducopter
     """
     from swarm_ctl.core.identification.step_flight import StepFlight
-    from swarm_ctl.core.law.stop_point import TYPICAL
+    from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
     from swarm_ctl.mission.fleet.exposure import exposed_links, refuse_exposed
     from swarm_ctl.runtime.clock import Clock
     from swarm_ctl.runtime.interrupts import Interrupts
@@ -118,7 +118,7 @@ def measure(
                     autopilot=kind,
                     endpoint=None,
                     mesh=None,
-                    response=TYPICAL[kind],
+                    response=AUTOPILOT_KINDS[kind].response,
                     vehicle=vehicles,
                 ),
             )
@@ -132,7 +132,9 @@ def measure(
         )
     else:
         kind = autopilot.value
-        task = Task((FleetAgent(sysid, sysid, kind, endpoint, None, TYPICAL[kind]),))
+        task = Task(
+            (FleetAgent(sysid, sysid, kind, endpoint, None, AUTOPILOT_KINDS[kind].response),)
+        )
     if task.file and not dry_run:
         require_writable(task.file, "or fly with --dry-run")
     chosen = task.chosen(agent_id)
@@ -179,7 +181,7 @@ def _headline(vehicle: FleetAgent, steps: Steps) -> str:
 def _result(console: PlainConsole, vehicle: FleetAgent, flight: StepFlight) -> Response | None:
     """Show what was found; None where it can't be flown with."""
     from swarm_ctl.core.identification.fit import fit
-    from swarm_ctl.core.law.stop_point import TYPICAL
+    from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 
     ended = flight.ended
     why = "stopped" if ended is None else "" if ended.outcome == "completed" else ended.reason
@@ -187,7 +189,7 @@ def _result(console: PlainConsole, vehicle: FleetAgent, flight: StepFlight) -> R
     if why:
         console.say(f"  not measured: {why}", style="bold red")
         return None
-    found = fit(flight.legs, TYPICAL[vehicle.autopilot])
+    found = fit(flight.legs, AUTOPILOT_KINDS[vehicle.autopilot].response)
     for line in described(found, flight.legs):
         console.say(f"  {line}")
     console.warn(found.warnings)

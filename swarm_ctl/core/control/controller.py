@@ -36,7 +36,7 @@ Stop points need no more."""
 _ROOM_M = 0.5
 """Beyond the room that is to be made, at 1 m/s a metre: else the last of it takes for ever."""
 _SKIPPED = 10
-"""Ticks: after more of them the vehicle itself has stopped (`SETPOINT_TIMEOUT_S`)."""
+"""Ticks: after more of them the vehicle itself has stopped (`setpoint_timeout_s`)."""
 
 NO_WAY: Final = "has no way past"
 

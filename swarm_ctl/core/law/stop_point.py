@@ -9,18 +9,9 @@ under the acceleration limit. `core/kernel/coast.py` has the formulas.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Final
 
 from swarm_ctl.core.kernel.coast import coast_of, coasted, rest
 from swarm_ctl.core.model.plan import Response
-
-TYPICAL: Final = {
-    "ardupilot": Response(dead_time_s=0.4, lag_s=0.62, acceleration_mps2=2.8),
-    "px4": Response(dead_time_s=0.0, lag_s=0.8, acceleration_mps2=8.0),
-}
-"""By autopilot, at its own default parameters, by what was measured on real ones and what keeps
-simulated ones apart (docs/pages/figures.md#real-autopilots). The PX4 follows a velocity unshaped,
-so it starts at once; ArduCopter bounds jerk and acceleration, which acts like a dead time."""
 
 
 def stop_point(

@@ -30,12 +30,9 @@ NEIGHBOUR_S: Final = 1.0
 LANDING_AT_MOST_S: Final = 180.0
 """An agent gives a vehicle up that is not on the ground, disarmed, after so long of landing. From
 120 m at 1 m/s it takes 120 s."""
-SETPOINT_TIMEOUT_S: Final = {"ardupilot": 0.5, "px4": 1.0}
-"""What an agent sets before it arms (GUID_TIMEOUT, COM_OF_LOSS_T): for so long the vehicle of a
-silent agent flies its last setpoint. A PX4 then leaves OFFBOARD for good, so it waits longer."""
 SILENT_FLIES_S: Final = 1.0
-"""For so long the peers of a silent agent expect its vehicle to fly on: the longest of
-`SETPOINT_TIMEOUT_S`, because they do not know its autopilot."""
+"""For so long the peers of a silent agent expect its vehicle to fly on: the longest
+`setpoint_timeout_s` of all autopilots, because they do not know which it is."""
 ESTIMATE_DOUBT_S: Final = 2.0
 """What a vehicle says against its own estimate counts after this time, and for so long after it was
 last said: four reports at 2 Hz."""

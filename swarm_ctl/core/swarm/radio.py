@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.fleet import FleetAgent, RadioShare
 
 USED: Final = 0.8
@@ -55,11 +56,6 @@ PAYLOADS: Final[Mapping[str, int]] = {
     "ESTIMATOR_STATUS": 42,
 }
 """Bytes at most; MAVLink 2 leaves trailing zeros out."""
-_OF_FIRMWARE: Final = {
-    "ardupilot": ("WIND_COV", "ESTIMATOR_STATUS"),
-    "px4": ("WIND", "EKF_STATUS_REPORT"),
-}
-"""Streams that this firmware does not have."""
 _STEADY: Final = (9, 9, 18, 18)
 """Payloads that go each second whatever is asked for: both heartbeats, TIMESYNC and its answer."""
 
@@ -82,7 +78,7 @@ def budget(share: RadioShare, autopilot: str, *, signed: bool) -> Budget:
     """What a vehicle of this firmware gets of its radio: the setpoints and positions that are left
     beside all else, 3 to 20 a second."""
     frame = _FRAME + (_SIGNATURE if signed else 0)
-    without = _OF_FIRMWARE[autopilot]
+    without = AUTOPILOT_KINDS[autopilot].lacks
     streams = {name: hz for name, hz in STREAMS_HZ.items() if name not in without}
     steady = float(sum(payload + frame for payload in _STEADY))
     steady += sum(hz * (PAYLOADS[name] + frame) for name, hz in streams.items())

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from swarm_ctl.core.model.timeouts import SETPOINT_TIMEOUT_S
+from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.vehicle import AirborneGoal, LimitKind, Vector3
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.base import Autopilot
@@ -54,7 +54,7 @@ class Ardupilot(Autopilot):
         return (
             # A silent agent's vehicle stops after this time. The default, 3 s, is 11.7 m at 3 m/s.
             # At 20 setpoints a second it is 10 lost in a row; the parameter's range is 0.1 .. 5 s.
-            ParameterRule("GUID_TIMEOUT", SETPOINT_TIMEOUT_S["ardupilot"]),
+            ParameterRule("GUID_TIMEOUT", AUTOPILOT_KINDS["ardupilot"].setpoint_timeout_s),
             # The id whose heartbeats count: 4.7 and later, and before. As delivered it is 255, that
             # of most ground stations: one of them would keep a dead agent's vehicle in the air.
             ParameterRule("MAV_GCS_SYSID", self.agent_sysid, optional=True, group="GCS"),

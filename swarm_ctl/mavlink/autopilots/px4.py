@@ -9,8 +9,8 @@ from typing import ClassVar, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.fleet import AGENT_SYSID
-from swarm_ctl.core.model.timeouts import SETPOINT_TIMEOUT_S
 from swarm_ctl.core.model.vehicle import AirborneGoal, LimitKind, Vector3
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.base import Autopilot
@@ -75,7 +75,9 @@ class Px4(Autopilot):
         return (
             # A silent agent's vehicle leaves OFFBOARD after this time (default 1.0 s). A shorter
             # one would react to a slow moment of the agent's computer.
-            ParameterRule("COM_OF_LOSS_T", SETPOINT_TIMEOUT_S["px4"], as_delivered=True),
+            ParameterRule(
+                "COM_OF_LOSS_T", AUTOPILOT_KINDS["px4"].setpoint_timeout_s, as_delivered=True
+            ),
             # ... and lands (4) in place. The default, position mode (0), needs a pilot.
             ParameterRule("COM_OBL_RC_ACT", 4.0),
         )

@@ -13,13 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from swarm_ctl.core.law.formation import distances, formation_error
+from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.plan import GroupPlan, Plan
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.errors import MissionError
 from swarm_ctl.mission.compile.rehearsal import Rehearsal
 from swarm_ctl.mission.input.units import said
-from swarm_ctl.mission.steps.autopilot_times import UP_AND_DOWN
 from swarm_ctl.mission.steps.table import kind_of, place_of
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class StepForecast:
 
 def forecast(plan: Plan, autopilots: Iterable[str] = ("ardupilot",)) -> list[StepForecast]:
     """Of `Plan.all_steps`; take-off and landing as the slowest of the `autopilots` does them."""
-    kinds = [UP_AND_DOWN[name] for name in sorted(set(autopilots))]
+    kinds = [AUTOPILOT_KINDS[name].up_and_down for name in sorted(set(autopilots))]
     forms = iter([form for group in plan.groups for form in forecast_forms(plan, group)])
     found: list[StepForecast] = []
     for at in plan.all_steps():

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from swarm_ctl.core.law.stop_point import TYPICAL
+from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.fleet import (
     AGENT_SYSID,
     LINK_PORT,
@@ -121,7 +121,7 @@ def fleet_agent(entry: FleetEntry, given: VehicleResponse | None = None) -> Flee
     Its response is the entry's, else the mission's (`given`), else the autopilot's typical one.
     """
     response = entry.response or given
-    known = response.planned() if response else TYPICAL[entry.firmware]
+    known = response.planned() if response else AUTOPILOT_KINDS[entry.firmware].response
     true = entry.simulated_response
     return FleetAgent(
         id=entry.id,

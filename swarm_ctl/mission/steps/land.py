@@ -6,6 +6,7 @@ import math
 from typing import ClassVar, Final
 
 from swarm_ctl.core.law.formation import smallest_distance
+from swarm_ctl.core.model.autopilots import UpAndDown
 from swarm_ctl.core.model.plan import PlannedStep
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.land import LandStep
@@ -13,7 +14,6 @@ from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import ROUNDING, Findings
 from swarm_ctl.mission.input.units import said
 from swarm_ctl.mission.sections.section import Timeout
-from swarm_ctl.mission.steps.autopilot_times import UpAndDown
 from swarm_ctl.mission.steps.step_kind import Mission, StepKind, StepSection
 
 _DISARM_S: Final = 60.0

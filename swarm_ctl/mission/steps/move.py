@@ -9,6 +9,7 @@ from typing import Annotated, ClassVar, Final
 from pydantic import Field
 
 from swarm_ctl.core.control.in_file import GAP, gap_m
+from swarm_ctl.core.model.autopilots import UpAndDown
 from swarm_ctl.core.model.plan import Plan, PlannedStep, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.move import MoveStep
@@ -16,7 +17,6 @@ from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import Findings
 from swarm_ctl.mission.sections.section import NorthEast
 from swarm_ctl.mission.steps.among_zones import among_zones
-from swarm_ctl.mission.steps.autopilot_times import UpAndDown
 from swarm_ctl.mission.steps.step_kind import Checks, Mission
 from swarm_ctl.mission.steps.travel import Pace, Travel, TravelSection, too_fast
 

@@ -7,11 +7,11 @@ from typing import ClassVar, Final
 
 from swarm_ctl.core.agent.return_to_launch import return_height_m
 from swarm_ctl.core.kernel.constraints import margins_of
+from swarm_ctl.core.model.autopilots import UpAndDown
 from swarm_ctl.core.model.plan import Plan, PlannedStep, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.return_ import ReturnStep
 from swarm_ctl.mission.sections.section import Timeout
-from swarm_ctl.mission.steps.autopilot_times import UpAndDown
 from swarm_ctl.mission.steps.land import fastest_s, generous_s
 from swarm_ctl.mission.steps.step_kind import Mission, StepKind, TimedSection
 

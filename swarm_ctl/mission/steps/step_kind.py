@@ -7,13 +7,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeAlias, TypeVar
 
+from swarm_ctl.core.model.autopilots import UpAndDown
 from swarm_ctl.core.model.plan import Plan, PlannedStep, Point, Policy
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.mission.input.document import Place
 from swarm_ctl.mission.input.findings import Findings
 from swarm_ctl.mission.sections.section import Action, Section
-from swarm_ctl.mission.steps.autopilot_times import UpAndDown
 
 if TYPE_CHECKING:
     from swarm_ctl.mission.mission_file import MissionFile

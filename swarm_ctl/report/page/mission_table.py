@@ -14,6 +14,7 @@ from swarm_ctl.core.kernel.coast import stop_distance
 from swarm_ctl.core.kernel.constraints import margins_of
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import closest_pair
+from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.fleet import Fleet, SigningPolicy, VehicleKind
 from swarm_ctl.core.model.plan import AgentPlan, Plan, PlannedStep, Point
 from swarm_ctl.core.model.route import flight_s
@@ -194,30 +195,16 @@ def _facts(plan: Plan, full: bool, *, routed: bool) -> Iterator[str]:
     )
 
 
-_PILOTS = {
-    "ardupilot": (
-        "ArduCopter heeds only its agent's RC_CHANNELS_OVERRIDE and MANUAL_CONTROL in flight, so a"
-        " ground station's joystick does nothing; its modes and commands, and a radio control's"
-        " sticks, work"
-    ),
-    "px4": (
-        "a ground station's modes and commands work on a PX4. In OFFBOARD it heeds sticks, of a"
-        " radio control or a joystick, where COM_RC_OVERRIDE has bit 1. With NAV_DLL_ACT over 0 it"
-        " arms beside a ground station only"
-    ),
-}
-
-
 def pilots(fleet: Fleet) -> Iterator[str]:
     """What real autopilots leave to pilots and ground stations while their agents fly them."""
-    for autopilot, words in _PILOTS.items():
+    for autopilot, kind in AUTOPILOT_KINDS.items():
         ids = [
             agent.id
             for agent in fleet.agents
             if agent.autopilot == autopilot and agent.started_as is not VehicleKind.SIMULATED
         ]
         if ids:
-            yield f"pilots   {agents_named(ids)}: {words}"
+            yield f"pilots   {agents_named(ids)}: {kind.pilots}"
 
 
 def _graph(plan: Plan, full: bool) -> Iterator[str]:

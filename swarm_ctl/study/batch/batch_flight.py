@@ -13,12 +13,13 @@ from swarm_ctl.core.kernel.law import STATUSES
 from swarm_ctl.core.kernel.receiver import Known
 from swarm_ctl.core.law.formation_law import FormationLaw
 from swarm_ctl.core.model.arrays import Bools, Floats, Indices, Ints
+from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.law_loader import LawError, own_law_of
 from swarm_ctl.study.batch import flight
 from swarm_ctl.study.batch.batch import Batch
 from swarm_ctl.study.batch.compiled import compiled, interpreted
 from swarm_ctl.study.batch.missions import DRAWN, Missions, Setup, missions_of, setup_of
-from swarm_ctl.study.batch.motion import FIRMWARES, FirmwareMotion
+from swarm_ctl.study.batch.motion import FirmwareMotion
 
 _PAIRS: Final = 8000
 """Of agents in missions that are in memory together: what a core's own cache holds."""
@@ -89,7 +90,7 @@ def fly(batch: Batch, observer: TickObserver | None = None) -> BatchResult:
     setup, result = setup_of(batch, seen=observer is not None), BatchResult.blank(len(batch))
     own_law = own_law_of(batch.cell.law)
     called = own_law if own_law is not None and interpreted(own_law) else None
-    by_ticks = observer is not None or called is not None or batch.cell.vehicle in FIRMWARES
+    by_ticks = observer is not None or called is not None or batch.cell.vehicle in AUTOPILOT_KINDS
     together = len(batch) if by_ticks else max(1, _PAIRS // batch.cell.n**2)
     for first in range(0, len(batch), together):
         place = np.arange(first, min(first + together, len(batch)))
@@ -115,7 +116,7 @@ class MissionsFlight:
         delay_ticks = int(np.rint(late_s.max() / tick_s))
         self.many = missions_of(batch, setup, delay_ticks, late_ticks, interpreted=called)
         self.motion = None
-        if batch.cell.vehicle in FIRMWARES:
+        if batch.cell.vehicle in AUTOPILOT_KINDS:
             self.motion = FirmwareMotion(batch, late_ticks)
         woods = [wood for wood in batch.woods if wood is not None]
         self._shortest_s = np.array([wood.shortest_s for wood in woods])

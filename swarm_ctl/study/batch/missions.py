@@ -19,8 +19,9 @@ from swarm_ctl.core.kernel.release import NO_RELEASE, SWIRL_OFF
 from swarm_ctl.core.kernel.response import ResponseModel, model_of, unknown
 from swarm_ctl.core.kernel.walls import NO_WALL_MARGINS, WallMargins, wall_margins_of
 from swarm_ctl.core.model.arrays import Bools, Complex, Floats, Ints, complex_of
+from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.plan import Compensation, LawParameters, Policies
-from swarm_ctl.core.model.timeouts import FAR_EVERY_S, NEIGHBOUR_S, SETPOINT_TIMEOUT_S, lead_s
+from swarm_ctl.core.model.timeouts import FAR_EVERY_S, NEIGHBOUR_S, lead_s
 from swarm_ctl.core.swarm.hearing import SMALL_SWARM
 from swarm_ctl.core.swarm.plausibility import JUMP_M
 from swarm_ctl.law_loader import law_of
@@ -203,7 +204,7 @@ def setup_of(batch: Batch, *, seen: bool = False) -> Setup:
     reach_m = max(margins.farthest, (law.r_out + SWIRL_OFF) * unit_m)
     silent_s = Policies().agent_lost_after_s
     told_late = any(each.high > 0 for each in (cell.delay_s, cell.jitter_s, cell.loss, cell.silent))
-    blind_s = SETPOINT_TIMEOUT_S.get(cell.vehicle, SETPOINT_TIMEOUT_S["ardupilot"])
+    blind_s = AUTOPILOT_KINDS.get(cell.vehicle, AUTOPILOT_KINDS["ardupilot"]).setpoint_timeout_s
     return Setup(
         tick_s=tick_s,
         unit_m=unit_m,

@@ -15,7 +15,6 @@ from swarm_ctl.study.batch.missions import Missions
 from swarm_sim.physics import response as firmware
 from swarm_sim.physics.kinematics import Demands, MotionState, VelocityResponse, advance
 
-FIRMWARES: Final = ("ardupilot", "px4")
 _SUBSTEPS: Final = 4
 """Physics steps a tick: the firmwares' fastest lags are 0.05 s."""
 

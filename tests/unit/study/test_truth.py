@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarm_ctl.core.law.stop_point import TYPICAL
+from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.study.batch.batch import Batch, blocks, draw
 from swarm_ctl.study.batch.batch_flight import fly
@@ -133,7 +133,7 @@ def test_all_vehicles_may_answer_later_than_their_agents_know(vehicle: str) -> N
 def test_a_firmware_flies_with_any_model(vehicle: str) -> None:
     """Not given, it is the typical one; what is given replaces its part."""
     typical = missions(vehicle=(vehicle,)).cell.model
-    assert typical == TYPICAL[vehicle]
+    assert typical == AUTOPILOT_KINDS[vehicle].response
     assert missions(vehicle=(vehicle,), model_dead_time_s=(0.7,)).cell.model == replace(
         typical, dead_time_s=0.7
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from swarm_ctl.core.control.headwind import Headwind
-from swarm_ctl.core.law.stop_point import TYPICAL
+from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 
 TICK_S, DRAG_PER_S, WIND_MPS = 0.05, 1.0, 4.0
 
@@ -24,7 +24,7 @@ class Vehicle:
 
 def test_the_wind_takes_a_climbing_vehicle_along_by_little() -> None:
     """With setpoints of zero it goes 4 m and on."""
-    vehicle, headwind = Vehicle(), Headwind(TYPICAL["px4"], TICK_S)
+    vehicle, headwind = Vehicle(), Headwind(AUTOPILOT_KINDS["px4"].response, TICK_S)
     for _ in range(80):
         vehicle.tick(headwind.meet(0j, complex(vehicle.velocity)).real)
     assert 0.0 < vehicle.place < 1.5
@@ -36,7 +36,7 @@ def test_the_wind_takes_a_climbing_vehicle_along_by_little() -> None:
 
 def test_what_is_added_fades_as_the_vehicle_learns() -> None:
     """After the climb the vehicle stays: its integrator takes over at the rate of the fading."""
-    vehicle, headwind = Vehicle(), Headwind(TYPICAL["px4"], TICK_S)
+    vehicle, headwind = Vehicle(), Headwind(AUTOPILOT_KINDS["px4"].response, TICK_S)
     for _ in range(80):
         vehicle.tick(headwind.meet(0j, complex(vehicle.velocity)).real)
     begun, added = vehicle.place, abs(headwind.added)
@@ -49,7 +49,7 @@ def test_what_is_added_fades_as_the_vehicle_learns() -> None:
 
 
 def test_what_is_added_is_bounded_and_ends_on_the_ground() -> None:
-    headwind = Headwind(TYPICAL["px4"], TICK_S)
+    headwind = Headwind(AUTOPILOT_KINDS["px4"].response, TICK_S)
     for _ in range(400):
         headwind.meet(0j, 30.0 + 0j)
     assert abs(headwind.added) <= 3.0 + 1e-9

@@ -11,6 +11,7 @@ import pytest
 
 import swarm_ctl
 from swarm_ctl.core.model import timeouts
+from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.plan import Policies
 from swarm_ctl.mavlink.telemetry.estimate import EKF_RULES, ESTIMATOR_RULES
 
@@ -50,6 +51,7 @@ def test_no_constant_of_the_module_is_missing_in_the_table() -> None:
     assert ("policies.position_accuracy_flight_m", "2.0") in NUMBERS
     constants = [name for name in vars(timeouts) if name.isupper()]
     assert [name for name in constants if f"`{name}`" not in TABLE] == []
-    setpoint = timeouts.SETPOINT_TIMEOUT_S
-    row = f"`SETPOINT_TIMEOUT_S`: {setpoint['ardupilot']} (ArduCopter), {setpoint['px4']} (PX4)"
-    assert row in TABLE
+    ardupilot, px4 = (AUTOPILOT_KINDS[name].setpoint_timeout_s for name in ("ardupilot", "px4"))
+    assert f"`setpoint_timeout_s`: {ardupilot} (ArduCopter), {px4} (PX4)" in TABLE
+    longest_s = max(kind.setpoint_timeout_s for kind in AUTOPILOT_KINDS.values())
+    assert longest_s == timeouts.SILENT_FLIES_S

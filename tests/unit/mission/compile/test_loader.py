@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from swarm_ctl.core.law import graph
-from swarm_ctl.core.law.stop_point import TYPICAL
+from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.core.model.plan import Compensation, Policies, Policy
 from swarm_ctl.core.model.steps.form import FormStep
@@ -282,7 +282,7 @@ def test_the_changes_above_reach_every_field_of_a_plan() -> None:
 
 def copter(k: int, **changes: str) -> FleetAgent:
     """The entry of agent k, as it is by default."""
-    answers = TYPICAL["ardupilot"]
+    answers = AUTOPILOT_KINDS["ardupilot"].response
     return FleetAgent(k, k, "ardupilot", response=answers, agent_sysid=251 - k, **changes)
 
 
@@ -291,7 +291,7 @@ def test_the_fleet_has_one_entry_per_agent_sorted() -> None:
     assert fleet.agents == (
         copter(1, endpoint="udpout:10.0.0.1:14550", mesh="tcp/10.0.0.1:7447"),
         copter(2, endpoint="udpout:10.0.0.2:14550", mesh="tcp/10.0.0.2:7447"),
-        FleetAgent(3, 3, "px4", response=TYPICAL["px4"], agent_sysid=248),
+        FleetAgent(3, 3, "px4", response=AUTOPILOT_KINDS["px4"].response, agent_sysid=248),
     )
     assert fleet.agent(3).autopilot == "px4"
     with pytest.raises(KeyError):

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.law.stop_point import TYPICAL
+from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.fleet import RadioShare, SigningPolicy
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.errors import InputError, MissionError
@@ -122,7 +122,7 @@ def test_a_fleet_is_read_without_a_mission(tmp_path: Path) -> None:
     )
     first, second = read_fleet(path).agents
     assert (first.id, first.sysid, first.response.lag_s, first.endpoint) == (1, 1, 0.7, None)
-    assert (second.id, second.sysid, second.response) == (2, 9, TYPICAL["px4"])
+    assert (second.id, second.sysid, second.response) == (2, 9, AUTOPILOT_KINDS["px4"].response)
 
 
 def test_two_vehicles_on_separate_links_may_have_one_sysid(tmp_path: Path) -> None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import pytest
 
-from swarm_ctl.core.law.stop_point import TYPICAL
+from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.mission.fleet.vehicle_kinds import kinds_of
+from swarm_ctl.mission.sections.fleet_section import FleetEntry
 from tests.system.running import HEXAGON
 
 S, A, P = VehicleKind
@@ -33,11 +36,17 @@ def test_a_wrong_choice_is_refused_with_what_is_allowed(given: str) -> None:
         kinds_of(given, [1, 2, 3])
 
 
+def test_a_fleet_knows_each_kind_of_autopilot() -> None:
+    """And no other."""
+    field = FleetEntry.model_fields["autopilot"].annotation
+    assert set(get_args(field)) == AUTOPILOT_KINDS.keys()
+
+
 def test_the_choice_decides_autopilot_and_response() -> None:
     fleet = load(HEXAGON, vehicles="1-3=arducopter,4=px4").fleet
     assert [a.started_as for a in fleet.agents] == [A, A, A, P, S, S]
     assert [a.autopilot for a in fleet.agents[2:5]] == ["ardupilot", "px4", "ardupilot"]
-    assert fleet.agent(4).response == TYPICAL["px4"]
+    assert fleet.agent(4).response == AUTOPILOT_KINDS["px4"].response
 
 
 def test_only_agents_of_the_mission_can_be_chosen() -> None:
