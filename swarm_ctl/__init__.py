@@ -23,7 +23,7 @@ else:
     def __getattr__(name: str) -> object:
         """The public names, when they are asked for: an agent's import takes less."""
         if name in __all__:
-            from swarm_ctl.cli.shared.extras import require
+            from swarm_ctl.installed import require
 
             require("ground", f"swarm_ctl.{name}")
             from swarm_ctl.api import fly
@@ -31,9 +31,6 @@ else:
             return getattr(fly, name)
         if name != "__version__":
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        from importlib import metadata
+        from swarm_ctl.installed import version
 
-        try:
-            return metadata.version("swarm-ctl")
-        except metadata.PackageNotFoundError:
-            return "0+unknown"  # a source tree that is not installed
+        return version()

@@ -12,7 +12,6 @@ from typing import Annotated, Any, Final
 import typer
 from typer.core import TyperCommand
 
-from swarm_ctl import __version__
 from swarm_ctl.cli.checks.doctor import doctor
 from swarm_ctl.cli.checks.measure import measure
 from swarm_ctl.cli.checks.validate import validate
@@ -36,7 +35,6 @@ from swarm_ctl.cli.results.replay import replay
 from swarm_ctl.cli.results.report import compare, report
 from swarm_ctl.cli.security.trust import trust
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.gcs_option import with_port
 from swarm_ctl.cli.shared.system import FLYING, GROUND_ALONE, lacks, refuse_without
 from swarm_ctl.cli.studies.fuzz import fuzz
@@ -44,6 +42,7 @@ from swarm_ctl.cli.studies.law import law
 from swarm_ctl.cli.studies.paper import paper
 from swarm_ctl.cli.studies.study import study
 from swarm_ctl.errors import InputError, SwarmError
+from swarm_ctl.installed import require, version
 
 app = typer.Typer(
     name="swarm-ctl",
@@ -92,7 +91,7 @@ app.add_typer(trust)
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        sys.stdout.write(f"swarm-ctl {__version__}\n")
+        sys.stdout.write(f"swarm-ctl {version()}\n")
         raise typer.Exit
 
 

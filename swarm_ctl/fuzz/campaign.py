@@ -19,12 +19,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from swarm_ctl import __version__
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.fuzz.coverage import Coverage, CoverageCell, cells_of
 from swarm_ctl.fuzz.draw import draw
 from swarm_ctl.fuzz.invariants import Broken, Invariant, broken
 from swarm_ctl.fuzz.lockstep import unlike_as_processes
+from swarm_ctl.installed import version
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.runtime.clock import cpu_s, wall_s
 from swarm_ctl.signals import deaf_children, deaf_tracker, hears
@@ -139,7 +139,7 @@ class Campaign:
             self.done[flight.number] = flight
 
     def _head(self) -> dict[str, Any]:
-        return {"version": __version__, "seed": self.seed, "mission": self.mission}
+        return {"version": version(), "seed": self.seed, "mission": self.mission}
 
     def fly(
         self, flights: int, processes: int | None = None, until_s: float = float("inf")

@@ -23,8 +23,8 @@ from typing import Final, TypeVar
 import numpy as np
 from distributed import Client, KilledWorker, LocalCluster, as_completed
 
-import swarm_ctl
 from swarm_ctl.errors import InputError, StartError
+from swarm_ctl.installed import version
 from swarm_ctl.signals import deaf_children, deaf_tracker, hears
 
 Task = TypeVar("Task")
@@ -74,7 +74,7 @@ def _checked(task: Task, function: Callable[[Task], Result], code: str) -> Resul
     if code != code_hash():
         raise InputError(
             f"the worker on {platform.node()} has other code (swarm_ctl"
-            f" {swarm_ctl.__version__}, numpy {np.__version__}); allowed: the same everywhere, or"
+            f" {version()}, numpy {np.__version__}); allowed: the same everywhere, or"
             " rows would differ"
         )
     return function(task)

@@ -66,7 +66,7 @@ def swarm(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Fly]:
         seed: int | None = None,
     ) -> SwarmFlight:
         __tracebackhide__ = True
-        from swarm_ctl.cli.shared.extras import require
+        from swarm_ctl.installed import require
 
         require("ground", "the fixture `swarm`")
         from swarm_ctl.api.flight import loaded

@@ -13,9 +13,9 @@ import typer
 from rich.table import Table
 
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.options import AgentIdentity, OpenMesh, option, switch
 from swarm_ctl.errors import InputError
+from swarm_ctl.installed import require
 
 if TYPE_CHECKING:
     from swarm_ctl.core.model.fleet import Fleet

@@ -11,7 +11,6 @@ import typer
 
 from swarm_ctl.cli.flight.sim import Persona
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.options import (
     AgentIdentity,
     OpenMesh,
@@ -23,6 +22,7 @@ from swarm_ctl.cli.shared.options import (
 from swarm_ctl.cli.shared.writable import require_writable
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, VehicleKind
 from swarm_ctl.errors import InputError
+from swarm_ctl.installed import require
 
 if TYPE_CHECKING:  # the agent and numpy, which no other command waits for
     from swarm_ctl.core.identification.fit import Fit, Leg

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.options import (
     FleetFile,
     OpenMesh,
@@ -26,6 +25,7 @@ from swarm_ctl.cli.shared.options import (
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, SigningPolicy
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.errors import InputError, TrustError
+from swarm_ctl.installed import require
 
 if TYPE_CHECKING:
     from swarm_ctl.mission.compile.offers import PlanName

@@ -11,11 +11,11 @@ import typer
 from rich.table import Table
 
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.options import OpenMesh, Seed, Speedup, option, switch
 from swarm_ctl.core.model.fleet import SigningPolicy
 from swarm_ctl.core.model.plan import Geodetic
 from swarm_ctl.errors import InputError
+from swarm_ctl.installed import require
 
 _MOST_VEHICLES: Final = 250
 """MAVLink's system ids end at 255; ground stations and companions need some."""

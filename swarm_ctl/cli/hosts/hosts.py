@@ -12,7 +12,6 @@ import typer
 from swarm_ctl.cli.hosts.deploy import SshConfig
 from swarm_ctl.cli.hosts.on_host import WITHIN
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.hosts_table import (
     ATTENTION,
     FINE,
@@ -23,6 +22,7 @@ from swarm_ctl.cli.shared.hosts_table import (
 )
 from swarm_ctl.cli.shared.options import option, switch
 from swarm_ctl.errors import InputError
+from swarm_ctl.installed import require
 
 if TYPE_CHECKING:
     from swarm_ctl.runtime.deploy.rollout import Hosts

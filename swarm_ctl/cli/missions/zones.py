@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.options import MissionFile, option
 from swarm_ctl.cli.shared.writable import require_writable
 from swarm_ctl.errors import InputError
+from swarm_ctl.installed import require
 
 if TYPE_CHECKING:
     from swarm_ctl.mavlink.fence_items import FenceItem

@@ -11,7 +11,6 @@ from typing import Annotated, Final
 import typer
 
 from swarm_ctl.cli.security.trust_vehicle import vehicle
-from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.options import option, switch
 from swarm_ctl.cli.shared.system import lacks, refuse_without
 from swarm_ctl.cli.shared.trust_folder import (
@@ -27,6 +26,7 @@ from swarm_ctl.cli.shared.trust_folder import (
     trust_folder,
 )
 from swarm_ctl.errors import TrustError
+from swarm_ctl.installed import require
 from swarm_ctl.trust.names import KeyHolder, Role, swarm_named_after
 
 _FINE, _ATTENTION = 0, 1

@@ -11,10 +11,10 @@ from importlib import metadata
 from pathlib import Path
 from typing import Final
 
-from swarm_ctl.cli.shared.extras import packages
 from swarm_ctl.cli.shared.surroundings import surroundings
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.errors import StartError
+from swarm_ctl.installed import packages
 from swarm_ctl.runtime.vehicle_memory import VehicleMemory, state_folder
 from swarm_ctl.runtime.vehicles.binaries import find
 from swarm_ctl.runtime.vehicles.containers import ENGINES

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Final
 from rich.table import Table
 
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.errors import InputError
+from swarm_ctl.installed import require
 from swarm_ctl.trust.names import LOOPBACK, KeyHolder, Role, swarm_named_after
 
 if TYPE_CHECKING:

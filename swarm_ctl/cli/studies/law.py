@@ -9,9 +9,9 @@ import typer
 from rich.table import Table
 
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.errors import InputError
 from swarm_ctl.files import replacing
+from swarm_ctl.installed import require
 
 law = typer.Typer(name="law", rich_markup_mode=None)
 Name = Annotated[

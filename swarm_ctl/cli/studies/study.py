@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 import typer
 
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.extras import require
 from swarm_ctl.cli.shared.options import Processes, option
 from swarm_ctl.cli.shared.writable import require_writable
 from swarm_ctl.errors import InputError
+from swarm_ctl.installed import require
 
 if TYPE_CHECKING:
     from swarm_ctl.study.parameter_space import Study

@@ -19,13 +19,13 @@ from typing import Final
 
 from pydantic import ValidationError
 
-from swarm_ctl import __version__
 from swarm_ctl.archives import packed, plain_files
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.text import printable
 from swarm_ctl.errors import InputError
 from swarm_ctl.files import read_bytes
+from swarm_ctl.installed import version
 from swarm_ctl.mission.compile.plan_file import (
     PlanFile,
     named_by_hash,
@@ -177,7 +177,7 @@ def _bundle(plan: Plan, fleet: Fleet, part: _Part) -> Bundle:
         router_keys=router_keys,
         open_mesh=part.open_mesh,
         expect_station=part.expect_station,
-        swarm_ctl=__version__,
+        swarm_ctl=version(),
     )
     files = {
         MANIFEST: manifest.model_dump_json(indent=1).encode() + b"\n",

@@ -25,10 +25,10 @@ from typing import IO, Final
 
 from pydantic import TypeAdapter, ValidationError
 
-from swarm_ctl import __version__
 from swarm_ctl.core.model.messages import AgentStatus, Outcome
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.files import read_bytes
+from swarm_ctl.installed import version
 from swarm_ctl.runtime.clock import date_and_time, pause, wall_s
 from swarm_ctl.runtime.deploy.bundle import KEYS, MANIFEST, Bundle
 from swarm_ctl.runtime.deploy.logs import last_line, pack_logs
@@ -115,7 +115,7 @@ class Host:
     def report(self) -> HostReport:
         """How it stands."""
         base = HostReport(
-            version=__version__,
+            version=version(),
             manager=self.services.name,
             next=self._digest("next"),
             current=self._digest("current"),

@@ -13,7 +13,7 @@ from typing import IO, Final, TypeAlias, TypeVar
 
 from pydantic import ValidationError
 
-from swarm_ctl import __version__
+from swarm_ctl.installed import version
 from swarm_ctl.runtime.clock import pause, wall_s
 from swarm_ctl.runtime.deploy.bundle import Bundle
 from swarm_ctl.runtime.deploy.logs import MOST_BYTES
@@ -174,7 +174,7 @@ class Hosts:
 def _state(answer: SshResult, host: str) -> HostState:
     """What a host's answer to a call says."""
     if answer.reach is Reach.MISSING:
-        words = f"has no swarm-ctl in its PATH: ssh {host} pip install swarm-ctl=={__version__}"
+        words = f"has no swarm-ctl in its PATH: ssh {host} pip install swarm-ctl=={version()}"
         return HostState(host, answer.reach, words)
     if answer.reach is not Reach.ANSWERED:
         return HostState(host, answer.reach, answer.words or "no answer")
@@ -190,8 +190,8 @@ def _judged(state: HostState, bundle: Bundle, *, restart: bool) -> HostState:
     report = state.report
     if report is None:
         return state
-    if report.version != __version__:
-        words = f"has swarm-ctl {report.version}: pip install swarm-ctl=={__version__} there"
+    if report.version != version():
+        words = f"has swarm-ctl {report.version}: pip install swarm-ctl=={version()} there"
         return replace(state, words=words)
     if report.running and report.current != bundle.digest and not restart:
         what = "the same plan in another bundle"

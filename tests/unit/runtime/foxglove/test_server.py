@@ -10,7 +10,8 @@ from collections.abc import Callable
 
 import pytest
 
-from swarm_ctl.cli.shared import extras, options
+from swarm_ctl import installed
+from swarm_ctl.cli.shared import options
 from swarm_ctl.errors import StartError
 from swarm_ctl.station.foxglove.desk import FIGURES
 from tests.unit.station.swarm import hexagon_plan
@@ -61,7 +62,7 @@ def test_a_port_that_is_taken_is_named() -> None:
 
 def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """--foxglove without its package: which one, and how to install it."""
-    monkeypatch.setattr(extras, "packages", lambda extra: [f"no-such-{extra}"])
+    monkeypatch.setattr(installed, "packages", lambda extra: [f"no-such-{extra}"])
     with pytest.raises(StartError, match=r"--foxglove needs no-such-foxglove.*swarm-ctl\[foxglove"):
         options.served(None, 8765)
     assert options.served(9100, None).metrics == 9100

@@ -1,4 +1,4 @@
-"""Installs by role: what a command needs beyond the core, and how to install it."""
+"""What is installed: this package's version, and what a command needs beyond the core."""
 
 from __future__ import annotations
 
@@ -10,6 +10,14 @@ from swarm_ctl.errors import StartError
 
 ONLY_FASTER: Final = {"numba"}
 """Packages without which a command does the same, and says that it is slower."""
+
+
+def version() -> str:
+    """Of this package, as `pip` knows it."""
+    try:
+        return metadata.version("swarm-ctl")
+    except metadata.PackageNotFoundError:
+        return "0+unknown"  # a source tree that is not installed
 
 
 def require(extra: str, what: str) -> None:
