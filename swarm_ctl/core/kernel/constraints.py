@@ -5,7 +5,8 @@ that j's may have reached, and `x = |q|`:
 
     q/x . v >= min(0.5 v_max, -RATE share (x - D_j))               keep-out: `keep_out`
     |v| <= slow + min((v_max - slow) (x - D_j) / zone, sqrt(2 a (x - D_j))),
-    |v| <= (spare + x - D_j) / (2 unsure)                          caution near D: `cap`
+    |v| <= (spare + x - D_j) / (2 unsure)                          caution near D: `cap`,
+                                                 but for what a keep-out asks for
     -q/x . v >= min(0.45 v_max, -0.5 (0.98 r - x) + undone)        guard of a link: `guard`
 
 `core/kernel/program.py` finds the velocity nearest to the wish that satisfies them all. What is

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from swarm_ctl.core.kernel.constraints import Other, margins_of
+from swarm_ctl.core.kernel.constraints import Other, cap, keep_out, margins_of
 from swarm_ctl.core.kernel.decide import Own, decided
 from swarm_ctl.core.kernel.program import Row
 from swarm_ctl.core.model.plan import LawParameters, Response
@@ -30,3 +30,17 @@ def test_one_that_a_moving_formation_meets_asks_for_its_row_from_farther_away() 
     others = [other(2, complex(-FAR_M, 0.0), along=False)]
     found = decided(5 + 0j, others, 1, [], 0, [], 0, Own(0.0, 0.6, 5 + 0j), MARGINS, [])
     assert found.used == 1
+
+
+def test_who_is_under_the_keep_out_leaves_as_fast_as_that_asks() -> None:
+    """Caution does not hold it there, nor does that near a third one."""
+    margins = margins_of(LawParameters(r_in=0.72), Response(), 3.0, 2.0)
+    near = other(2, complex(0.5 * margins.keep_out, 0.0))
+    third = other(3, complex(0.0, margins.keep_out))
+    _, bound, room = keep_out(near, margins)
+    assert bound > cap(room, 0.0, margins)
+    for others in ([near], [near, third]):
+        known = others, len(others), [], 0, [], 0
+        found = decided(0j, *known, Own(0.0, 0.6, 0j), margins, [])
+        assert abs(found.velocity - bound) < 1e-6
+        assert not found.yielded
