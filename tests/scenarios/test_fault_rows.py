@@ -57,7 +57,7 @@ def test_same_seed_same_trace() -> None:
     """A flight in bad weather over a bad mesh is repeated to the last bit, while they form;
     another seed is another flight."""
     row = next(row for row in ROWS if row.name == "gusts, lost, late")
-    row = replace(row, within_s=10.0)
+    row = replace(row, within_s=10.0, rate_hz=10)
     flights = [Faulty(row, seed) for seed in (1, 1, 2)]
     for flight in flights:
         flight.fly()

@@ -165,8 +165,15 @@ def circle(seconds: float) -> tuple[complex, complex]:
     return 10 + 5j + 30 * (turn - 1) * -1j, 3 * turn
 
 
-@pytest.mark.parametrize(("at", "most_m"), [(straight, 0.6), (circle, 1.0)])
-@pytest.mark.parametrize(("late_s", "lost"), [(0.0, 0.0), (0.3, 0.2)])
+@pytest.mark.parametrize(
+    ("at", "most_m", "late_s", "lost"),
+    [
+        (straight, 0.6, 0.0, 0.0),
+        (circle, 1.0, 0.3, 0.2),
+        on_demand(straight, 0.6, 0.3, 0.2),
+        on_demand(circle, 1.0, 0.0, 0.0),
+    ],
+)
 def test_the_formation_is_where_its_target_is(
     at: Callable[[float], tuple[complex, complex]], most_m: float, late_s: float, lost: float
 ) -> None:
@@ -250,7 +257,7 @@ def test_a_target_that_was_never_heard_is_said_not_to_be() -> None:
     assert boat.said("target boat is not heard: the formation stands")
 
 
-@pytest.mark.parametrize("ordered", ["hold", "form block"])
+@pytest.mark.parametrize("ordered", ["hold", on_demand("form block")])
 def test_while_an_order_is_flown_in_place_of_the_step_nothing_is_done_of_a_lost_target(
     ordered: str,
 ) -> None:

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy.optimize import linear_sum_assignment
 
 from swarm_ctl.core.law.formation import centred
 from swarm_ctl.core.model.arrays import Floats
@@ -59,6 +58,8 @@ square = st.integers(1, 12).flatmap(
 @given(square)
 def test_between_equal_sums_the_choice_is_scipys(costs: Floats) -> None:
     """With which the slots of plans were dealt before: their hashes stay."""
+    from scipy.optimize import linear_sum_assignment  # here, because it takes 0.4 s
+
     least = costs.argmin(axis=1).tolist()
     if len(set(least)) < len(least):
         assert _assigned(costs) == linear_sum_assignment(costs)[1].tolist()

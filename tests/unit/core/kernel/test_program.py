@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import linprog
 
 from swarm_ctl.core.kernel import program
 from swarm_ctl.core.kernel.program import LEAVE, LINK, NONE, PAIR, WALL, Row
@@ -89,6 +88,8 @@ def test_slack_is_the_least(
         [math.cos(a), math.sin(a), 0.0] for a in turns
     ]
     ends = [-b for _, _, b in hard] + [cap] * 64
+    from scipy.optimize import linprog  # here, because it takes 0.4 s
+
     least = linprog([0, 0, 1], A_ub=rows, b_ub=ends, bounds=[(None, None), (None, None), (0, None)])
     assert slack == pytest.approx(least.fun, abs=5e-3)
 

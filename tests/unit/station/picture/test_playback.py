@@ -3,6 +3,8 @@ live station."""
 
 from __future__ import annotations
 
+from functools import cache
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -23,8 +25,13 @@ from tests.unit.station.recorded import (
     scenes,
 )
 
-WHOLE = film()
-WHOLE.read_ahead(lambda: False)
+
+@cache
+def whole() -> Film:
+    """Read to its end."""
+    made = film()
+    made.read_ahead(lambda: False)
+    return made
 
 
 def test_a_film_tells_what_the_live_station_told() -> None:
@@ -57,12 +64,12 @@ def test_a_film_tells_what_the_live_station_told() -> None:
 def test_a_moment_is_the_same_however_one_came_there(times_s: list[float]) -> None:
     """Back and forth over keyframes, or straight from the start without any."""
     for time_s in times_s:
-        WHOLE.seek(time_s)
+        whole().seek(time_s)
     straight = film()
     straight.seek(times_s[-1])
-    assert straight.time_s == WHOLE.time_s
-    assert straight.view() == WHOLE.view()
-    assert straight.journal.entries == WHOLE.journal.entries
+    assert straight.time_s == whole().time_s
+    assert straight.view() == whole().view()
+    assert straight.journal.entries == whole().journal.entries
 
 
 def test_reading_ahead_stops_when_told_and_changes_no_picture() -> None:
@@ -89,45 +96,45 @@ def test_a_way_forwards_may_end_early() -> None:
 
 def test_marks_are_where_the_log_got_longer() -> None:
     """Events, alarms, orders and steps at the look that told them, found from both sides."""
-    kinds = {mark.kind for mark in WHOLE.marks}
+    kinds = {mark.kind for mark in whole().marks}
     assert kinds == {"step", "alarm", "cleared", "vehicle", "command"}
 
     def bad(mark: Mark) -> bool:
         return mark.level >= Level.WARNING
 
-    WHOLE.seek(START_S)
-    first_s = WHOLE.next_mark(lambda mark: mark.kind == "alarm" and bad(mark))
+    whole().seek(START_S)
+    first_s = whole().next_mark(lambda mark: mark.kind == "alarm" and bad(mark))
     assert first_s is not None
     assert SILENT_S[0] < first_s < SILENT_S[1]
-    WHOLE.seek(first_s)
-    assert WHOLE.journal.entries[-1].kind == "alarm"
-    WHOLE.seek(45.0)
-    battery_s = WHOLE.last_mark(bad)
+    whole().seek(first_s)
+    assert whole().journal.entries[-1].kind == "alarm"
+    whole().seek(45.0)
+    battery_s = whole().last_mark(bad)
     assert battery_s is not None
     assert 40.0 <= battery_s <= 40.0 + LOOK_S
-    assert WHOLE.next_mark(lambda mark: mark.kind == "command") == pytest.approx(
+    assert whole().next_mark(lambda mark: mark.kind == "command") == pytest.approx(
         COMMAND_S, abs=LOOK_S
     )
-    WHOLE.seek(WHOLE.end_s)
-    assert WHOLE.next_mark(lambda _: True) is None
-    WHOLE.seek(WHOLE.start_s)
-    assert WHOLE.last_mark(lambda _: True) is None
+    whole().seek(whole().end_s)
+    assert whole().next_mark(lambda _: True) is None
+    whole().seek(whole().start_s)
+    assert whole().last_mark(lambda _: True) is None
 
 
 def test_times_as_they_are_typed() -> None:
-    WHOLE.seek(30.0)
+    whole().seek(30.0)
     wanted = {
         "33": 33.0,
         "1:02.5": 62.5,
         "+10": 40.0,
         "-0:10": 20.0,
-        "start": WHOLE.start_s,
-        "end": WHOLE.end_s,
+        "start": whole().start_s,
+        "end": whole().end_s,
     }
-    assert {text: WHOLE.moment(text) for text in wanted} == pytest.approx(wanted)
+    assert {text: whole().moment(text) for text in wanted} == pytest.approx(wanted)
     for text in ("", "x", "1:", ":5", "1:2:3", "nan", "1e3", "--4"):
         with pytest.raises(InputError, match=r"allowed: seconds, MIN:SEC"):
-            WHOLE.moment(text)
+            whole().moment(text)
 
 
 @pytest.mark.parametrize("nothing", [[], [[]], [[], []]])
