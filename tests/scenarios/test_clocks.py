@@ -4,6 +4,7 @@ late news as late."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -28,7 +29,8 @@ def peer(swarm: VirtualSwarm, agent: int, other: int) -> Peer:
 def test_they_fly_as_with_one_clock() -> None:
     """To the same places in the same time; and each link's report tells the offset, to half the
     round trip."""
-    one, own = (Faulty(Row("clocks", GOOD, clocks=clocks), 1) for clocks in ({}, CLOCKS))
+    row = Row("clocks", GOOD, rate_hz=10)
+    one, own = (Faulty(replace(row, clocks=clocks), 1) for clocks in ({}, CLOCKS))
     for flight in (one, own):
         flight.fly()
         assert [found for check in GOOD if (found := check(flight))] == []
@@ -55,7 +57,7 @@ def test_a_start_takes_no_longer() -> None:
     whose reports come every half second."""
     began = []
     for clocks in ({}, CLOCKS):
-        swarm = VirtualSwarm(mission(), clocks=clocks)
+        swarm = VirtualSwarm(mission(rate_hz=10), clocks=clocks)
         swarm.wait(lambda s: s.in_step(1), 60)
         began.append(swarm.now)
     assert began[1] <= began[0] + 0.5
@@ -73,7 +75,7 @@ def test_no_agent_flies_with_one_that_hears_no_peer(
     clocks: dict[int, Callable[[float], float]], why: str
 ) -> None:
     """Agent 4 is heard, and says that it is not ready, or does not say how old its states are."""
-    faulty = Faulty(Row("deaf", (), clocks=clocks), 1)
+    faulty = Faulty(Row("deaf", (), clocks=clocks, rate_hz=10), 1)
     faulty.transports[4].silent |= {"1", "2", "3"}
     faulty.swarm.run(8.0)
     reasons = [m.status.reason for m in faulty.swarm.members.values() if m.status]
@@ -84,7 +86,7 @@ def test_no_agent_flies_with_one_that_hears_no_peer(
 def test_agents_of_one_clock_say_no_clock_words() -> None:
     """They know each other's clocks exactly from the first state on. An agent that was started
     again by hand, with a clock of its own, asks and is answered."""
-    swarm = VirtualSwarm(mission("continue"))
+    swarm = VirtualSwarm(mission("continue", rate_hz=10))
     listener = Node(MemoryTransport(swarm.mesh), "test", "listener")
     listener.listen(keys.CLOCK)
     swarm.wait(lambda s: s.in_step(FORM), 60)
@@ -105,12 +107,12 @@ def test_news_that_is_late_one_way_is_seen_as_late() -> None:
     """Agent 4 hears all peers 0.4 s late and is heard at once: it knows that the news may be so
     old, whatever the clocks, and no agent comes too near.
     """
-    faulty = Faulty(Row("one hears late", (), clocks=CLOCKS), 1)
+    faulty = Faulty(Row("one hears late", (), clocks=CLOCKS, rate_hz=10), 1)
     faulty.transports[4].impairment = Impairment(delay_s=0.4)
     swarm = faulty.swarm
     swarm.wait(lambda s: s.in_step(FORM), 60)
     youngest, ages = 1.0, []
-    for _ in range(300):
+    for _ in range(150):
         swarm.tick()
         now = swarm.members[4].clock(swarm.now)
         for other in (1, 2, 3):
@@ -146,7 +148,7 @@ def test_one_that_was_stopped_takes_no_dead_peer_for_heard() -> None:
     old as it is."""
     swarms: list[VirtualSwarm] = []
     swarm = VirtualSwarm(
-        mission("continue"), clocks=CLOCKS, mesh=lambda inner, _: Polled(inner, swarms)
+        mission("continue", rate_hz=10), clocks=CLOCKS, mesh=lambda inner, _: Polled(inner, swarms)
     )
     swarms.append(swarm)
     swarm.wait(lambda s: s.in_step(FORM), 60)
@@ -160,7 +162,7 @@ def test_one_that_was_stopped_takes_no_dead_peer_for_heard() -> None:
     now = swarm.members[1].clock(swarm.now)
     assert peer(swarm, 1, 3).received_s == pytest.approx(now)
     assert peer(swarm, 1, 3).age(now) == pytest.approx(8.0, abs=0.2)
-    assert peer(swarm, 1, 2).age(now) < 0.1
+    assert peer(swarm, 1, 2).age(now) < 0.15
     assert [state.agent for state in swarm.members[1].agent._peers.snapshot(now).fresh()] == [2, 4]
 
 

@@ -17,7 +17,7 @@ from swarm_ctl.report.folder.last_statuses import LastStatus
 from swarm_ctl.report.folder.run_folder import RunFolder
 from swarm_ctl.report.judge.verdict import judge
 from tests.on_demand import on_demand
-from tests.scenarios.swarm import HEXAGON, VirtualSwarm, at_step, landing_fast, low_hexagon
+from tests.scenarios.swarm import VirtualSwarm, at_step, landing_fast, low_hexagon, low_hexagon_text
 from tests.unit.plans import with_group
 
 TAKEOFF, FORM, HOLD, LAND = 1, 2, 3, 4
@@ -56,8 +56,8 @@ def assert_safe(swarm: VirtualSwarm) -> None:
 def test_a_vehicle_unlike_its_response_is_said_in_flight(response: str, said: str) -> None:
     """By each agent, once; and nothing of it where the response fits."""
     section = f"vehicle: {{response: {{{response}, doubt_s: 0.2}}}}\n"
-    swarm = VirtualSwarm(loads(HEXAGON.read_text() + section))
-    swarm.fly(45)
+    swarm = VirtualSwarm(loads(low_hexagon_text() + section))
+    swarm.fly(35)
     found = [event for event in swarm.events if "its response says" in event.text]
     assert sorted(event.agent for event in found) == ([1, 2, 3, 4, 5, 6] if said else [])
     assert all(said in event.text for event in found)
