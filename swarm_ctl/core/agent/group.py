@@ -4,6 +4,7 @@ shape with its frame, its graph and the roles in it, and whom it is flown withou
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
@@ -207,14 +208,15 @@ class Group:
     ) -> None:
         """Note which peers carry out a command that was not given to this agent, and which have
         left; call it every tick."""
-        self._watch_held(tick, own_override)
+        awaited = self.awaited(tick).peers
+        self._watch_held(tick, () if own_override else awaited)
         self._watch_alone(tick, own_override)
         before, self.departed = self.departed, dict[int, str]()
         if self._held_since:
             pause_s = self._policies.override_pause_s
             held = self._held_since.keys() - self.waits_for(tick.now).keys()
             self.departed = {i: f"a command has held agent {i} for {pause_s:g} s" for i in held}
-        for peer in self.awaited(tick).peers:
+        for peer in awaited:
             state = peer.state
             if peer.id in self._grounded and (state is None or state.step <= _UP):
                 self.departed[peer.id] = f"agent {peer.id} waits on the ground to be launched"
@@ -222,13 +224,15 @@ class Group:
                 self.departed[peer.id] = f"agent {peer.id} was expelled by the operator"
             elif peer.left is not None and peer.state is not None:
                 self.departed[peer.id] = left_by_order(peer.state)
+        self.slot_exchange.departed = self.departed
         self.accepted &= self.departed.keys()
+        if not self.departed:
+            return
         apart = (p.id for p in tick.members.peers if p.left is CommandKind.GOTO)
         self.accepted.update(apart)  # the operator, who sent them, goes on without them
         self.accepted.update(self._grounded.intersection(self.departed))
-        self.slot_exchange.departed = self.departed
         goes_on = self._policies.left_by_order is Policy.CONTINUE
-        if not self.departed or not goes_on or interrupted is not None:
+        if not goes_on or interrupted is not None:
             return
         for agent in sorted(self.departed.keys() - before.keys()):
             self._log.say(tick.now, Severity.INFO, f"goes on: {self.departed[agent]}")
@@ -243,8 +247,8 @@ class Group:
         """The operator commands to go on without those that have left."""
         self.accepted = set(self.departed)
 
-    def _watch_held(self, tick: Tick, own_override: int) -> None:
-        peers = () if own_override else self.awaited(tick).peers
+    def _watch_held(self, tick: Tick, peers: Iterable[OtherAircraft]) -> None:
+        """Those of `peers` that fly a command, while this agent flies none."""
         held = [p.id for p in peers if p.held and p.left is None]
         if not held and not self._held_since:
             return

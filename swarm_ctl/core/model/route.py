@@ -52,21 +52,22 @@ class Routes:
         routes = {way: Route([groups[k] for k in way]) for way in {*of_agent.values()}}
         self.of: Final[Mapping[int, Route]] = {i: routes[way] for i, way in of_agent.items()}
         """By agent."""
-        self._awaited: dict[tuple[str, int], Mapping[int, int]] = {}
+        self._awaited: dict[tuple[int, int], Mapping[int, int]] = {}
+        """By agent and step: asked for several times a tick."""
 
     def awaited(self, agent: int, number: int) -> Mapping[int, int]:
         """Whom this agent waits for after the step of this number, itself among them: by agent, the
         number of the step that has to be done. They are its group's; at a barrier, all that have it
         on their way."""
-        group, step = self.of[agent].group(number), number - 1
-        name = self.of[agent].steps[step].barrier if number else ""
-        if (group.name, number) not in self._awaited:
-            waits = dict.fromkeys(group.ids, number)
+        known = self._awaited.get((agent, number))
+        if known is None:
+            name = self.of[agent].steps[number - 1].barrier if number else ""
+            known = waits = dict.fromkeys(self.of[agent].group(number).ids, number)
             if name:
                 there = ((i, route.barriers.get(name)) for i, route in self.of.items())
                 waits |= {i: k for i, k in there if k is not None and i not in waits}
-            self._awaited[group.name, number] = waits
-        return self._awaited[group.name, number]
+            self._awaited[agent, number] = known
+        return known
 
     def open_to(self, agent: int, number: int, told: Mapping[int, tuple[int, bool]]) -> bool:
         """Whether the others let this agent go on after its step of this number, by the progress

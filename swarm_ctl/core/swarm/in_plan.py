@@ -44,6 +44,11 @@ class InPlan:
         self._legs = {agent: legs[route] for agent, route in routes.items()}
         """By agent, of each of its steps: how many waypoints can be passed."""
         self._routes = routes
+        self._members = {
+            agent: [len(route.group(k).agents) for k in range(len(route.steps) + 1)]
+            for agent, route in routes.items()
+        }
+        """By agent, of the group that flies each of its steps."""
         self._ids = frozenset(self._legs)
         self._most_steps = max(map(len, self._legs.values()), default=0)
 
@@ -104,8 +109,7 @@ class InPlan:
             return f"its way back is at stage {state.stage}; allowed: 0 to {_STAGES}"
         if state.exchange is not NO_EXCHANGE:
             said = state.exchange
-            route = self._routes.get(state.agent)
-            members = len(route.group(state.step).agents) if route is not None else 0
+            members = self._members[state.agent][state.step] if legs else 0
             odd = said.beyond(members)
             if odd is not None:
                 return f"it names place {odd} in the plan; allowed: 0 to {members - 1}"
