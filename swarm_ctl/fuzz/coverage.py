@@ -16,7 +16,7 @@ from swarm_ctl.mission.steps.table import KINDS
 from swarm_ctl.virtual.scenario import Happening
 from swarm_ctl.virtual.scenario_flight import Met
 
-STEPS: Final = ("prepare", *KINDS)
+STEPS: Final = ("prepare", *KINDS, "join")
 NOTHING: Final = "nothing"
 FAULTS: Final = tuple(kind for kind in Happening.KINDS if kind != "order")
 PILOTS: Final = get_args(Pilot)

@@ -171,15 +171,7 @@ def _scenario(dice: Dice, wanted: Coverage, name: str, of: Data | None) -> Data:
     swarm = _Swarm(ids, [*mission.get("shapes", {})], [*mission.get("groups", {})], waiting)
     scenario["happens"] = losses or happens + _happenings(dice, wanted, swarm, steps)
     if of is None and _changes_sides(mission) and dice.chance(_CROSSED):
-        some = dice.pick(("", " @" + ",".join(map(str, _some(dice, ids)))))
-        crossings: tuple[Data, ...] = (
-            {"kill": [dice.pick(ids)]},
-            {"stop": [dice.pick(ids)], "for_s": dice.number(1, 8, 1)},
-            {"order": f"land{some}"},
-            {"order": f"return{some}"},
-        )
-        crossing = {"at_s": dice.number(18, 45, 1)} | dice.pick(crossings)
-        scenario["happens"].append(crossing)
+        scenario["happens"] += _crossed(dice, ids)
     if waiting and dice.chance(0.8):
         launch = {"at_s": dice.number(10, 40, 1), "order": f"launch @{waiting[0]}"}
         scenario["happens"].append(launch)
@@ -211,6 +203,7 @@ def _two_losses(dice: Dice, mission: Data) -> list[Data]:
         mission["policies"][policy] = dice.pick(_ACTIONS, lambda act: 4 if act == "hold" else 1)
         if policy == "fence":
             _fence(mission, dice, fair=False, always=True)
+            mission["policies"]["estimate"] = dice.pick(("continue", "hold"))  # it jumps, too
         if k == 1 and mission["policies"][policy] == "hold":
             mission["policies"][policy] = dice.pick(("land", "return"))
         found.append({"at_s": at_s} | happening)
@@ -239,6 +232,24 @@ def _losses(dice: Dice, one: int, ids: list[int]) -> list[tuple[str, Data]]:
         ("battery_low", set_to("BATT_DRAIN", 400.0)),
         ("fence", set_to(dice.pick(("GPS_JUMP_N", "GPS_JUMP_E")), jump_m)),
     ]
+
+
+def _crossed(dice: Dice, ids: list[int]) -> list[Data]:
+    """What befalls agents that change sides, about when they pass each other. Two orders to land
+    let some come down where others are in the air, or stand."""
+    some = " @" + ",".join(map(str, _some(dice, ids)))
+    at_s = dice.number(22, 38, 1)
+    what: tuple[Data, ...] = (
+        {"kill": [dice.pick(ids)]},
+        {"stop": [dice.pick(ids)], "for_s": dice.number(1, 8, 1)},
+        {"order": "land"},
+        {"order": f"land{some}"},
+        {"order": f"return{some}"},
+    )
+    found: list[Data] = [{"at_s": at_s} | dice.pick(what)]
+    if dice.chance(0.4):
+        found.append({"at_s": round(at_s + dice.number(0.5, 12, 1), 1), "order": "land"})
+    return found
 
 
 def _rezoned(dice: Dice, mission: Data) -> list[Data]:
@@ -447,7 +458,14 @@ def _mission(dice: Dice, wanted: Coverage, *, fair: bool) -> tuple[Data, list[Da
     """A mission's data, which `validate` may still refuse; and what is to befall it."""
     variant = dice.pick([*_VARIANTS], _VARIANTS.__getitem__)
     count = dice.pick((2, 3, 4, 5, 6, 7, 8), lambda n: {2: 34, 3: 30, 4: 20}.get(n, 4))
-    count = dice.pick({"split": (4, 4, 5, 6, 7), "stack": (2, 3, 4, 6)}.get(variant, (count,)))
+    count = dice.pick(
+        {
+            "split": (4, 4, 5, 6, 7),
+            "stack": (2, 3, 4, 6),
+            "column": (3, 4, 5),
+            "swap": (count, 4, 5),
+        }.get(variant, (count,))
+    )
     unit_m = dice.pick((1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 5.0))
     r_in = dice.number(max(0.4, 1.0 / unit_m), 0.75)
     spacing = _APART * 1.5 + dice.pick((0.02, 0.1, 0.4))
@@ -476,7 +494,8 @@ def _mission(dice: Dice, wanted: Coverage, *, fair: bool) -> tuple[Data, list[Da
     speed_mps = mission.get("vehicle", {}).get("limits", {}).get("speed_mps", 3.0)
     mission["steps"] = _steps(dice, wanted, ids, speed_mps, fair=fair)
     happens = _VARIED[variant](dice, mission, spacing) if variant else []
-    if any(kind == "follow" for kind, _ in _flat(mission["steps"])):
+    follows = any(kind == "follow" for kind, _ in _flat(mission["steps"]))
+    if follows and "targets" not in mission:
         mission["targets"] = {"boat": _target(dice, speed_mps, unit_m)}
     mission["fleet"] = _fleet(dice, ids, fair=fair)
     return (_in_metres(mission) if dice.chance(0.1) else mission), happens
@@ -544,18 +563,28 @@ def _formed(shape: str, timeout_s: float, **more: Any) -> Data:
 
 
 def _column(dice: Dice, mission: Data, spacing: float) -> list[Data]:
-    """One behind the other, all move on; then there is something in the way of the first."""
-    count, unit_m = len(mission["agents"]), mission["unit_m"]
-    spacing, way = round(spacing + 0.02, 2), dice.signed(4, 8, 1)
+    """One behind the other, all follow a boat or move on; then one stays, or there is a zone, in
+    the way of those behind."""
+    ids, unit_m = sorted(agent["id"] for agent in mission["agents"]), mission["unit_m"]
+    spacing, way = round(spacing + 0.02, 2), dice.signed(8, 14, 1)
     mission["shapes"]["one"] = {"kind": "column", "spacing": spacing}
-    move = {"move": {"by": [way, 0.0], "settle_s": 1.0, "timeout_s": 60.0}}
-    form = _formed("one", 60.0, slots="fixed")
-    mission["steps"] = [mission["steps"][0], form, move, mission["steps"][-1]]
     norths, easts = zip(*(agent["start"] for agent in mission["agents"]), strict=True)
-    ahead = math.copysign((count - 1) / 2 * spacing + dice.number(0.8, 3), way)
-    north_m, east_m = (sum(norths) / count + ahead) * unit_m, sum(easts) / count * unit_m
-    at = f"{north_m:.1f} {east_m + dice.signed(0, 1, 1):.1f} {dice.number(0.3, 1.5):g}"
-    return [{"at_s": dice.number(14, 32, 1), "order": f"zone add post circle {at}"}]
+    north, east = sum(norths) / len(ids), sum(easts) / len(ids)
+    speed_mps = mission.get("vehicle", {}).get("limits", {}).get("speed_mps", 3.0)
+    on: Data = {"move": {"by": [way, 0.0], "settle_s": 1.0, "timeout_s": 90.0}}
+    if dice.chance(0.7):
+        along = [[round(north, 2), round(east, 2)], [round(north + 4 * way, 2), round(east, 2)]]
+        quick = round(dice.number(0.4, 0.8) * speed_mps, 1)
+        mission["targets"] = {"boat": {"along": along, "speed_mps": quick, "height_m": 0.0}}
+        on = {"follow": {"target": "boat", "duration_s": dice.number(12, 18, 0)}}
+    form = _formed("one", 60.0, slots="fixed")
+    mission["steps"] = [mission["steps"][0], form, on, mission["steps"][-1]]
+    at_s = dice.number(18, 30, 1)
+    if dice.chance(0.7):
+        return [{"at_s": at_s, "order": f"expel @{dice.pick((ids[0], ids[-1], dice.pick(ids)))}"}]
+    ahead = math.copysign((len(ids) - 1) / 2 * spacing + dice.number(0.8, 3), way)
+    at = f"{(north + ahead) * unit_m:.1f} {east * unit_m + dice.signed(0, 1, 1):.1f}"
+    return [{"at_s": at_s, "order": f"zone add post circle {at} {dice.number(0.3, 1.5):g}"}]
 
 
 def _split(dice: Dice, mission: Data, spacing: float) -> list[Data]:
@@ -838,7 +867,7 @@ def _fence(mission: Data, dice: Dice, *, fair: bool, always: bool = False) -> No
     if dice.chance(0.3):  # a corner more, outwards
         corners.insert(2, ((south + north) / 2, east + dice.number(1, 10, 1)))
     fence: Data = {}
-    if dice.chance(0.8):
+    if always or dice.chance(0.8):
         fence["polygon"] = [[round(n * metre, 2), round(e * metre, 2)] for n, e in corners]
     if not fence or dice.chance(0.4):
         above_m = dice.number(6, 20, 0) if fair or dice.chance(0.6) else dice.number(1, 5, 1)

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from swarm_ctl.core.agent.agent import STATUS_EVERY_S
+from swarm_ctl.core.agent.landing import WANDERS_M
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Outcome, Phase, StepOutcome
 from swarm_ctl.core.model.plan import Fence, Policy, Zone
@@ -284,7 +285,7 @@ def _misled(seen: Seen, agent: int) -> _Misled | None:
     """Where a jump of its GPS alone takes the agent's vehicle out of the swarm's hands: until then
     it is where it says, and from then on so far beside."""
     taken_s, found = seen.taken[agent], None
-    if seen.from_start and not seen.parameters:
+    if seen.from_start:
         for from_s, until_s, agents, values, pilot in seen.faults:
             if agent not in agents or until_s <= taken_s:
                 continue
@@ -303,7 +304,7 @@ def _zoned(seen: Seen) -> Iterator[str]:
     for agent in set(seen.ids) - seen.elsewhen:
         until_s = min(seen.taken[agent], seen.first(agent, "kill", "stop"))
         counts = seen.airborne(agent) & (truth.time_s < until_s)
-        track = seen.track(agent)
+        track, flown = seen.track(agent), _flown_by_agents(seen, agent, FLIES)
         for zone, since_s, lifted_s in seen.zones(agent) if seen.plan.safety.filter else ():
             low = -math.inf if zone.floor_m is None else zone.floor_m
             high = math.inf if zone.ceiling_m is None else zone.ceiling_m
@@ -312,7 +313,9 @@ def _zoned(seen: Seen) -> Iterator[str]:
             there &= (truth.time_s >= free_s) & (truth.time_s < lifted_s)
             for k in np.flatnonzero(there).tolist():
                 n, e, d = track[k].tolist()
-                if zone.contains((n, e)):
+                off_m = 0.0 if flown[k] else WANDERS_M  # an autopilot's landing drifts
+                around = ((0.0, 0.0), (off_m, 0.0), (-off_m, 0.0), (0.0, off_m), (0.0, -off_m))
+                if all(zone.contains((n + dn, e + de)) for dn, de in around):
                     at = f"({n:.1f}, {e:.1f}), {-d:.1f} m high, {truth.time_s[k]:.1f} s"
                     since = f", which holds since {since_s:.1f} s" if since_s > 0 else ""
                     left = f", and had time to leave it until {free_s:.1f} s"

@@ -186,7 +186,7 @@ class Seen:
     @cached_property
     def misjudged_m(self) -> float:
         """By how much [m] drawn GPS noise and drift may bring a pair under r_in: four deviations of
-        two positions, less what keep-out spares."""
+        two positions, less what keep-out spares where vehicles answer as is believed."""
         sets = [self.parameters, *(values for _, _, _, values, _ in self.faults)]
         worst = (
             max(values.get(name, 0.0) for values in sets)
@@ -195,7 +195,10 @@ class Seen:
         noise_m = math.hypot(*worst)
         plan = self.plan
         margins = margins_of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m)
-        return max(0.0, 4.0 * math.sqrt(2.0) * noise_m - (margins.keep_out - self.r_in_m))
+        fleet = self.flown.mission.fleet.agents
+        as_believed = all(entry.simulated_response is None for entry in fleet)
+        spared_m = margins.keep_out - self.r_in_m if as_believed else 0.0
+        return max(0.0, 4.0 * math.sqrt(2.0) * noise_m - spared_m)
 
     @cached_property
     def apart_at_start(self) -> float:
