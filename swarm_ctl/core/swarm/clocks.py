@@ -137,8 +137,8 @@ class SharedClock(PeerClock):
     no word of it changes that.
 
     Another process that speaks as the peer may have another clock: its states are from the future,
-    or late on and on. Then the clock is one like any other, until its states are timely again.
-    `apart` has all clocks that are not the own one.
+    or late on and on. Then the clock is not known until its states are timely again.
+    `apart` has the shared clocks that seem to be others.
     """
 
     __slots__ = ("_apart", "_late_since_s")
@@ -199,11 +199,11 @@ class Clocks:
 
     def __init__(self, own_id: int, others: Iterable[int], same: Container[int] = ()) -> None:
         self._own = own_id
-        self._apart: set[PeerClock] = set()
+        self._apart = set[PeerClock]()
         self.of = {
             agent: SharedClock(self._apart) if agent in same else PeerClock() for agent in others
         }
-        self._apart.update(c for c in self.of.values() if not isinstance(c, SharedClock))
+        self._others = [c for c in self.of.values() if not isinstance(c, SharedClock)]
         self._words: dict[int, tuple[float, float]] = {}
         """By agent that wants answers: the time its newest word told, and when it came; the next to
         be given back first."""
@@ -226,10 +226,13 @@ class Clocks:
 
     def say(self, now: float) -> ClockNews | None:
         """The own word, if it is due: none where all share one clock and none was asked for. An
-        agent that only answers wants no answer, so the words end with the last question."""
-        if now - self._said_s < ASK_EVERY_S - _ROUNDING_S or not (self._apart or self._words):
+        agent that only answers wants no answer, so the words end with the last question. Of a
+        shared clock that seems to be another one only who says words itself is asked: states are
+        late where a machine can't keep up, and words would add to that."""
+        if now - self._said_s < ASK_EVERY_S - _ROUNDING_S or not (self._others or self._words):
             return None
-        asks = any(clock.unknown_s is not None for clock in self._apart)
+        others = [*self._others, *(self.of[i] for i in self._words if self.of[i] in self._apart)]
+        asks = any(clock.unknown_s is not None for clock in others)
         soon = asks or now - self._asked_s <= EVERY_S
         if not soon and now - self._said_s < EVERY_S - _ROUNDING_S:
             return None
@@ -240,5 +243,5 @@ class Clocks:
         for i in turn:
             kept[i] = kept.pop(i)  # to the end
         self._words = kept
-        wants = Answers.SOON if asks else Answers.REGULAR if self._apart else Answers.NONE
+        wants = Answers.SOON if asks else Answers.REGULAR if others else Answers.NONE
         return ClockNews(self._own, now, wants, echoes)

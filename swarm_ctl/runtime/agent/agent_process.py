@@ -7,13 +7,14 @@ stalls, nothing is sent: the vehicle's own failsafe stops it (deadman).
 from __future__ import annotations
 
 import math
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from pydantic import TypeAdapter
 
@@ -21,6 +22,7 @@ from swarm_ctl.core.agent.agent import Agent, Ended, Inbox
 from swarm_ctl.core.model.fleet import RadioShare, SigningPolicy
 from swarm_ctl.core.model.messages import AgentStatus, Event, Glimpse, Outcome, Refusal, Severity
 from swarm_ctl.core.model.plan import Plan, Response
+from swarm_ctl.core.swarm.hearing import hears_all
 from swarm_ctl.files import replacing
 from swarm_ctl.law_loader import own_law_of
 from swarm_ctl.mavlink.autopilots.timing import streams_hz
@@ -107,8 +109,14 @@ class AgentConfig:
     """Mission time 0 of the tlog, in microseconds of Unix time."""
 
 
+_LARGE_SWARM_NICE: Final = 4
+
+
 def child_main(config: AgentConfig, connection: Connection) -> None:
-    """Entry of an agent that `run` forks."""
+    """Entry of an agent that `run` forks. Of a large swarm, whose processes one machine hardly
+    carries, those that serve all agents (simulator, router, station) come first."""
+    if not hears_all(config.plan):
+        os.nice(_LARGE_SWARM_NICE)
     serve_forked(lambda lifeline: run_agent(config, lifeline), config.log, connection)
 
 
