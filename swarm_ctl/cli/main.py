@@ -10,12 +10,12 @@ from swarm_ctl.signals import ENDED_CODE, ended, ended_in_one_line, is_ended
 def main() -> None:
     """The command line."""
     ended_in_one_line()
-    from swarm_ctl.cli.app import main as command
-
     try:
+        from swarm_ctl.cli.app import main as command
+
         command()
-    except Exception:
-        if is_ended():  # a library may have made an error of our exception
+    except (Exception, SystemExit):
+        if is_ended():  # a library may have made an error of our exception, while imported too
             sys.exit(ENDED_CODE)
         raise
     finally:

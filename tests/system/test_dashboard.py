@@ -49,6 +49,7 @@ def test_screens_orders_and_the_end(tmp_path: Path) -> None:
         terminal.wait_for("(tuned: h 0.05 -> 0.04)")
         terminal.press(":", *"land", "Enter")
         terminal.wait_for("land agents 1-3: they land where they are")
+        terminal.wait_for("Enter sends it")
         terminal.press("Enter")
         terminal.wait_for(lambda text: "land  ✓ agents 1-3" in text or "DONE" in text)
         code, shown = terminal.wait_for_end()

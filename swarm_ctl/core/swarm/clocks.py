@@ -141,11 +141,13 @@ class SharedClock(PeerClock):
     `apart` has the shared clocks that seem to be others.
     """
 
-    __slots__ = ("_apart", "_late_since_s")
+    __slots__ = ("_apart", "_late_since_s", "early")
 
-    def __init__(self, apart: set[PeerClock]) -> None:
+    def __init__(self, apart: set[SharedClock]) -> None:
         super().__init__()
         self._apart = apart
+        self.early = False
+        """Its newest state that was not timely came from the future: no slow machine does that."""
         self._late_since_s: float | None = None
 
     @property
@@ -181,7 +183,7 @@ class SharedClock(PeerClock):
 
     def forget(self, told_s: float, received_s: float) -> None:
         """It is another clock."""
-        self._late_since_s = None
+        self._late_since_s, self.early = None, told_s > received_s
         self._apart.add(self)
         super().forget(told_s, received_s)
 
@@ -199,7 +201,7 @@ class Clocks:
 
     def __init__(self, own_id: int, others: Iterable[int], same: Container[int] = ()) -> None:
         self._own = own_id
-        self._apart = set[PeerClock]()
+        self._apart = set[SharedClock]()
         self.of = {
             agent: SharedClock(self._apart) if agent in same else PeerClock() for agent in others
         }
@@ -226,12 +228,16 @@ class Clocks:
 
     def say(self, now: float) -> ClockNews | None:
         """The own word, if it is due: none where all share one clock and none was asked for. An
-        agent that only answers wants no answer, so the words end with the last question. Of a
-        shared clock that seems to be another one only who says words itself is asked: states are
-        late where a machine can't keep up, and words would add to that."""
-        if now - self._said_s < ASK_EVERY_S - _ROUNDING_S or not (self._others or self._words):
+        agent that only answers wants no answer, so the words end with the last question. A shared
+        clock that seems to be another one is asked for where its states come from the future, or
+        its agent says words itself: states are late where a machine can't keep up, and words would
+        add to that."""
+        if now - self._said_s < ASK_EVERY_S - _ROUNDING_S:
             return None
-        others = [*self._others, *(self.of[i] for i in self._words if self.of[i] in self._apart)]
+        words = [self.of[i] for i in self._words]
+        others = [*self._others, *(c for c in self._apart if c.early or c in words)]
+        if not (others or words):
+            return None
         asks = any(clock.unknown_s is not None for clock in others)
         soon = asks or now - self._asked_s <= EVERY_S
         if not soon and now - self._said_s < EVERY_S - _ROUNDING_S:

@@ -299,7 +299,7 @@ class Dashboard(App[None]):
             self._paint("answers", self._words_below(picture))
         if self._question is not None:
             width = self.size.width
-            lines = self._question.lines(width)
+            lines = self._question.lines(width, answered=self._question_seen)
             self.query_one("#question", Painted).paint(lines, BAR_STYLE[Level.ERROR], width)
 
     def _paint(self, name: str, line: StyledLine, back: str = "") -> None:
@@ -613,7 +613,7 @@ class Dashboard(App[None]):
 
     def _ask(self, question: Ask) -> None:
         """Put the question in the place of the footer. What is typed before it was drawn is no
-        answer."""
+        answer; from then on it says what the keys do."""
         self._question, self._question_seen = question, False
         self._show_bottom()
         self._draw_below()
@@ -621,6 +621,7 @@ class Dashboard(App[None]):
 
     def _see_question(self) -> None:
         self._question_seen = True
+        self._draw_below()
 
     def _answer(self, yes: bool) -> None:
         question = self._question

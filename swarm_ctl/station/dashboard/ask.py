@@ -27,10 +27,11 @@ class Ask:
     otherwise: str
     """What the operator is told where any other key drops it."""
 
-    def lines(self, width: int) -> list[StyledLine]:
-        """The question on as many lines as it needs, and the keys on one of their own."""
+    def lines(self, width: int, *, answered: bool) -> list[StyledLine]:
+        """The question on as many lines as it needs, and the keys on one of their own, which is
+        empty until a key is an answer."""
         words = textwrap.wrap(f"{self.what}.", max(8, width - 2))
-        return [StyledLine(f" {line}") for line in (*words, self.keys)]
+        return [StyledLine(f" {line}") for line in (*words, self.keys if answered else "")]
 
 
 def consequence(order: Order, plan: Plan, view: SwarmView | None) -> str:
