@@ -355,6 +355,9 @@ def _groups(mission: MissionFile) -> Findings:
         place = ("groups", name)
         if name in (EVERYONE, REST):
             yield Mistake(place, f"{name} is a group of every mission", "another name")
+        elif name.replace("-", "").isdecimal():
+            what = f"@{name} names agents by their ids"
+            yield Mistake(place, what, "another name, with a letter in it")
         yield from twice({(*place, k): i for k, i in enumerate(members)}, "each agent once")
         for k, agent in enumerate(members):
             if agent not in ids:
@@ -363,9 +366,10 @@ def _groups(mission: MissionFile) -> Findings:
 
 
 def _splits(mission: MissionFile) -> Findings:
-    known, flying = sorted(mission.groups), {agent.id for agent in mission.agents}
+    everyone = {agent.id for agent in mission.agents}
+    known, flying = sorted(mission.groups), everyone
     for k, entry in enumerate(mission.steps):
-        place, taken = ("steps", k, "split"), dict[int, str]()
+        place, taken, here = ("steps", k, "split"), dict[int, str](), flying
         if not flying:
             yield Mistake(("steps", k), "steps after all have landed", "no step after it")
             return
@@ -382,12 +386,12 @@ def _splits(mission: MissionFile) -> Findings:
                 other = taken[twice_in[0]]
                 what = f"agent {twice_in[0]} is in {other}, too"
                 yield Mistake((*place, name), what, "groups of a split that share no agent")
-            gone = [i for i in members if i not in flying and i not in taken]
+            gone = [i for i in members if i in everyone and i not in here]
             if gone:
                 what = f"agent {gone[0]} has landed in an earlier split"
-                yield Mistake((*place, name), what, f"some of {listed(flying)}")
+                yield Mistake((*place, name), what, f"some of {listed(here)}")
             taken |= dict.fromkeys(members, name)
-            if set(members) >= flying:
+            if set(members) >= here:
                 what = f"{name} is the whole swarm"
                 yield Mistake((*place, name), what, "the steps without a split, or more groups")
             if steps[-1].kind in LAST:

@@ -115,6 +115,7 @@ MISTAKES = {
     "an agent twice": (("west: [1, 3]", "west: [1, 1]"), "groups.west#2", "1 is taken by"),
     "in two groups": (("east: [2, 4]", "east: [3, 4]"), "steps#3.split.east", "agent 3 is in west, too"),
     "a name of every mission": (("  west: [1, 3]", "  all: [1, 3]"), "groups.all", "all is a group of every mission"),
+    "a name that reads as ids": (("  west: [1, 3]", "  1-3: [1, 3]"), "groups.1-3", "@1-3 names agents by their ids"),
     "the whole swarm": (("west: [1, 3]", "west: [1, 2, 3, 4, 5]"), "steps#3.split.west", "west is the whole swarm"),
     "takeoff in a split": (("        - hold: {duration_s: 12}", "        - takeoff: {height_m: 4}"), "split.east#2", "takeoff in the air"),
     "land in the middle": (("        - hold: {duration_s: 12}", "        - land"), "split.east#2", "steps after land"),
@@ -130,6 +131,22 @@ MISTAKES = {
     "too few slots in a group": (("  row: {kind: line", "  row: {kind: line, count: 5"), "shapes.row.count", "5 slots for 2 agents"),
     "beyond the fence": (("groups:", "fence: {polygon: [[-30, -16], [-30, 60], [60, 60], [60, -16]]}\ngroups:"), "split.west#1.move", "agent 3 would be outside the geofence"),
 }  # fmt: skip
+
+
+def test_an_agent_that_the_mission_has_not_is_told_once() -> None:
+    with pytest.raises(MissionError) as caught:
+        loads(edited(("west: [1, 3]", "west: [1, 9]")))
+    assert len(caught.value.problems) == 1
+
+
+@pytest.mark.parametrize("last", ["return", "hold: {duration_s: 2}"])
+def test_a_split_is_of_those_that_fly_as_it_begins(last: str) -> None:
+    """One group lands, and the other is all that is left: also then it is not the whole swarm."""
+    head = TEXT.partition("groups:")[0] + "groups: {a: [1, 2, 3], b: [4, 5]}\n"
+    shapes = TEXT.partition("  - split")[0].partition("  east: [2, 4]\n")[2]
+    rest = "" if last == "return" else "  - form: {shape: row}\n  - land\n"
+    plan = loads(f"{head}{shapes}  - split: {{a: [land], b: [{last}]}}\n{rest}").plan
+    assert [g.ids for g in plan.groups[1:]] == [(1, 2, 3), (4, 5), (4, 5)][: 2 + bool(rest)]
 
 
 @pytest.mark.parametrize("case", MISTAKES.values(), ids=MISTAKES)
