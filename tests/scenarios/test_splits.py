@@ -9,6 +9,7 @@ import pytest
 
 from swarm_ctl.core.law.formation import formation_error
 from swarm_ctl.core.model.messages import AgentStatus, Outcome
+from swarm_ctl.core.model.steps.goto import GotoStep
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from tests.scenarios.swarm import VirtualSwarm, at_step, landing_fast
 
@@ -217,3 +218,17 @@ def test_an_order_for_a_whole_group_forms_and_moves_it() -> None:
     swarm.command("resume", EAST, name="c2")
     swarm.fly()
     assert set(swarm.outcomes().values()) == {Outcome.COMPLETED}
+
+
+def test_one_that_was_away_before_the_split_comes_back_into_its_group() -> None:
+    """It is sent away while all are one, and joins the other one of its group."""
+    swarm = at_step(parted(policy="continue"), FORM)
+    swarm.command("goto", (1,), step=GotoStep(((1, (-30.0, -30.0)),), 4.0, 1e9))
+    swarm.wait(lambda s: status(s, 3).step == SPLIT + 1)
+    assert status(swarm, 1).step == FORM
+    swarm.command("resume", (1,), name="c2")
+    swarm.run(2.0)
+    assert status(swarm, 1).step == SPLIT + 1
+    swarm.fly()
+    assert set(swarm.outcomes().values()) == {Outcome.COMPLETED}
+    assert swarm.closest_m > 2.5

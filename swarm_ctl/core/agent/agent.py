@@ -276,7 +276,7 @@ class Agent:
         snapshot = self._hear_targets(now, inbox, snapshot)
         self._attention.run(now)
         self._tell_notes(now)
-        heard = self._station, self._attention, group.members, self._phase
+        heard = self._station, self._attention, self._phase
         return Tick(now, view, fix, snapshot, *heard)
 
     def _hear_targets(self, now: float, inbox: Inbox, snapshot: PeerSnapshot) -> PeerSnapshot:

@@ -133,6 +133,14 @@ class Group:
         over = (p.state.phase is Phase.ENDED or p.silent_s > _GONE_S for p in others if p.state)
         return any(p.state is not None for p in others) and all(over)
 
+    def mates(self, tick: Tick) -> PeerSnapshot:
+        """The peers of the group as it is now: an order may have brought this agent to another one
+        since the tick began."""
+        if self.members is None:
+            return tick.peers
+        peers = tick.peers.peers
+        return PeerSnapshot(tick.peers.now_s, tuple(p for p in peers if p.id in self.members))
+
     # --- from step to step ---
 
     def awaited(self, tick: Tick) -> PeerSnapshot:
@@ -140,7 +148,7 @@ class Group:
         too."""
         waits = self.routes.awaited(self._own, self.progress.step)
         if len(waits) == len(self.ids):
-            return tick.members
+            return self.mates(tick)
         peers = tick.peers
         return PeerSnapshot(peers.now_s, tuple(p for p in peers.peers if p.id in waits))
 
@@ -228,7 +236,7 @@ class Group:
         self.accepted &= self.departed.keys()
         if not self.departed:
             return
-        apart = (p.id for p in tick.members.peers if p.left is CommandKind.GOTO)
+        apart = (p.id for p in self.mates(tick).peers if p.left is CommandKind.GOTO)
         self.accepted.update(apart)  # the operator, who sent them, goes on without them
         self.accepted.update(self._grounded.intersection(self.departed))
         goes_on = self._policies.left_by_order is Policy.CONTINUE
@@ -264,7 +272,7 @@ class Group:
         if not own_override:
             self._alone_since = math.inf
             return
-        flying = [p.formation[2] for p in tick.members.peers if p.formation and p.left is None]
+        flying = [p.formation[2] for p in self.mates(tick).peers if p.formation and p.left is None]
         alone = flying and own_override not in flying
         self._alone_since = min(self._alone_since, tick.now) if alone else math.inf
 
@@ -307,7 +315,7 @@ class Group:
         form = self._form
         if form is None or not form.closed or not airborne:
             return
-        lost = self.lost(tick.members, airborne=airborne).union(self.departed)
+        lost = self.lost(self.mates(tick), airborne=airborne).union(self.departed)
         left = tuple(i for i in self.ids if i not in lost)
         fewer = len(self.ids) - len(left)
         left = left if 0 < fewer <= len(form.closed) else ()
@@ -418,7 +426,7 @@ class Group:
         if follows is not None and not self.waits_for(tick.now):
             reference.target = self.targets.now(follows.target, tick.now)
         if step.new_shape is None:
-            others = tick.members.without(self.departed)
+            others = self.mates(tick).without(self.departed)
             reference.follow(others, step, key, own_m, self.formation_error_m, free=free)
             if follows is not None and tick.fix is not None:
                 reference.trim(follows, complex(*tick.fix.position_ned_m[:2]))
@@ -444,7 +452,7 @@ class Group:
         frame = self.reference.frame
         if frame is None or not self.reference.slots:
             return None
-        about = frame.point_m, self.reference.slots, own_m, tick.members, self.departed
+        about = frame.point_m, self.reference.slots, own_m, self.mates(tick), self.departed
         return self._in_file.place(step, self._planned_m, *about)
 
     def forget_shape(self) -> None:
@@ -463,7 +471,7 @@ class Group:
             self.formation_error_m = self._error_m(tick, complex(*own_m), airborne=airborne)
 
     def _error_m(self, tick: Tick, own: complex, *, airborne: bool) -> float | None:
-        shape, fix, peers = self.reference.slots, tick.fix, tick.members
+        shape, fix, peers = self.reference.slots, tick.fix, self.mates(tick)
         if not shape or fix is None:
             return None
         lost = self.lost(peers, airborne=airborne)
@@ -495,7 +503,7 @@ class Group:
         velocity = wish or (complex(*fix.velocity_ned_mps[:2]) if fix is not None else 0j)
         if self._own not in slots or abs(velocity) < _FLIES_MPS:
             return None
-        stops = {p.id: p.stop_point for p in tick.members.peers if _counts(p) and p.id in slots}
+        stops = {p.id: p.stop_point for p in self.mates(tick).peers if _counts(p) and p.id in slots}
         stops[self._own] = complex(*own_m)
         way = velocity.conjugate() / abs(velocity)
         ahead = {
@@ -508,8 +516,8 @@ class Group:
     def watch_neighbours(self, tick: Tick, *, airborne: bool) -> None:
         """Bridge the graph where an agent is lost, and say which neighbours are not heard."""
         neighbourhood = self.neighbourhood
-        said = neighbourhood.lose(self.lost(tick.members, airborne=airborne))
-        for severity, text in said + neighbourhood.watch(tick.members):
+        said = neighbourhood.lose(self.lost(self.mates(tick), airborne=airborne))
+        for severity, text in said + neighbourhood.watch(self.mates(tick)):
             self._log.say(tick.now, severity, text)
 
     # --- in the middle ---

@@ -131,7 +131,7 @@ class StepExecutor:
 
     def _flies_already(self, tick: Tick) -> str:
         """Why this vehicle does not take off any more, or ''; once that lasts, the agent ends."""
-        flies = swarm_flies(tick.members)
+        flies = swarm_flies(self._group.mates(tick))
         if not flies:
             self._flies_since = None
             return ""

@@ -56,19 +56,8 @@ class Tick:
     peers: PeerSnapshot
     station: HeardStation | None = None
     attention: Attention = field(default_factory=Attention)
-    group: frozenset[int] | None = None
-    """The agents of the own group; None: all."""
     before: Phase = Phase.CONNECT
     """What the agent did in the tick before."""
-
-    @property
-    def members(self) -> PeerSnapshot:
-        """The peers of the own group, and no traffic."""
-        if self.group is None:
-            return self.peers
-        return PeerSnapshot(
-            self.peers.now_s, tuple(p for p in self.peers.peers if p.id in self.group)
-        )
 
     @property
     def vehicle_silent_s(self) -> float:

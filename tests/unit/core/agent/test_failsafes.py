@@ -74,7 +74,7 @@ def situation(
         accepted=frozenset(),
         grounded=False,
         routes=Routes(of),
-        awaited=heard.members,
+        awaited=heard.peers,
         waits_until=dict.fromkeys(of.groups[0].ids, step),
         fell=False,
         sunk_s=0.0,
