@@ -251,3 +251,26 @@ def test_a_quarter_leaves_and_the_ring_stands_again_within_15_s(how: str) -> Non
     swarm.fly()
     assert {swarm.outcomes()[i] for i in left} == {Outcome.COMPLETED}
     assert swarm.closest_m > 2.5
+
+
+# --- under the others ---
+
+
+@cache
+def over_one_waiting() -> LoadedMission:
+    """Three move until one of them is over the fourth, which waits."""
+    text = TEXT.replace("start: [10, 10]}", "start: [10, 10], waits: true}")
+    text = text.replace("height_m: 4", "height_m: 6")
+    return loads(text.replace("hold: {duration_s: 25}", "move: {by: [10, 0], speed_mps: 3}"))
+
+
+def test_others_fly_over_one_that_waits_and_make_room_for_its_climb() -> None:
+    """It stands in nobody's way; launched, it waits until none is over it."""
+    swarm = landing_fast(VirtualSwarm(over_one_waiting()))
+    swarm.wait(lambda s: step(s, 1) == ROW)
+    assert math.dist(swarm.positions()[2], swarm.positions()[4]) < 1.0
+    swarm.command("launch", (4,))
+    swarm.wait(lambda s: step(s, 4) == step(s, 1))
+    swarm.fly()
+    assert set(swarm.outcomes().values()) == {Outcome.COMPLETED}
+    assert swarm.closest_m > 2.5

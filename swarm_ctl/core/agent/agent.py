@@ -462,11 +462,15 @@ class Agent:
             leads=lambda: group.leads(tick, stop_point_m),
         )
 
+    @property
+    def _waits_on_ground(self) -> bool:
+        """It has not been launched yet."""
+        return self._group.grounded and not self._command_handler.launched
+
     def _pausing(self, tick: Tick) -> bool:
         """The mission's step waits, and its time with it."""
         held = self._command_handler.override is not None or self._interruption.holds
-        on_ground = self._group.grounded and not self._command_handler.launched
-        return held or on_ground or bool(self._group.waits_for(tick.now))
+        return held or self._waits_on_ground or bool(self._group.waits_for(tick.now))
 
     # --- decide, and go on to the next step ---
 
@@ -618,7 +622,7 @@ class Agent:
             response_s=controller.estimate.response_s,
             doubt_s=controller.estimate.doubt_s,
             left=left.order if left else CommandKind.GOTO if handler.sent_to else None,
-            down=stands and self._phase is Phase.ENDED,
+            down=stands and (self._phase is Phase.ENDED or self._waits_on_ground),
             goal_height_m=self._steering.goal_height_m if self._plan.wake is not None else None,
         )
 

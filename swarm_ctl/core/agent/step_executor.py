@@ -9,7 +9,7 @@ from swarm_ctl.core.agent.command_handler import CommandHandler
 from swarm_ctl.core.agent.failsafes import failed
 from swarm_ctl.core.agent.group import Group
 from swarm_ctl.core.agent.interruption import EventLog, Interruption
-from swarm_ctl.core.agent.landing import Landing
+from swarm_ctl.core.agent.landing import WANDERS_M, Landing
 from swarm_ctl.core.agent.own_vehicle import OwnVehicle
 from swarm_ctl.core.agent.preflight import Preflight, swarm_flies
 from swarm_ctl.core.agent.steering import (
@@ -119,8 +119,9 @@ class StepExecutor:
             reason = "the vehicle is armed already; disarm it first"
         else:
             reason = self._preflight.refusal(tick) or self._unheard(tick)
-        if not reason and self._group.grounded and not self._command_handler.launched:
-            reason = "waits to be launched"
+        if not reason and self._group.grounded:
+            launched = self._command_handler.launched
+            reason = self._flown_over(tick) if launched else "waits to be launched"
         if not reason:
             self._warn(tick)
             progress.finish_step(tick.now)
@@ -146,6 +147,16 @@ class StepExecutor:
         gone = self._group.departed
         unheard = [p.id for p in tick.peers.peers if p.state is None and p.id not in gone]
         return f"{agents_named(unheard)} not heard" if unheard else ""
+
+    def _flown_over(self, tick: Tick) -> str:
+        """Who is over a vehicle that is to climb, or ''. They make room for it."""
+        if tick.fix is None:
+            return ""
+        plan, own = self._preflight.plan, complex(*tick.fix.position_ned_m[:2])
+        room_m = plan.law.r_in * plan.unit_m + WANDERS_M
+        near = [peer for peer in tick.peers.near(own, room_m) if not peer.down]
+        over = [peer.id for peer in near if peer.state is None or peer.state.airborne]
+        return f"{agents_named(over)} in its way up" if over else ""
 
     def _warn(self, tick: Tick) -> None:
         caution = self._preflight.caution(tick)

@@ -198,7 +198,8 @@ class AgentState:
     """The order (one of `LEAVING`) by which the agent has left the formation: an operator gave it
     to some agents alone."""
     down: bool = False
-    """Its flight is over, and its vehicle stands on the ground, disarmed."""
+    """Its flight is over, or it waits to be launched: its vehicle stands on the ground,
+    disarmed."""
     goal_height_m: float | None = None
     """The height above the common frame's origin that its vehicle flies to; None: the mission's
     slots have no heights."""

@@ -324,7 +324,7 @@ class Peer:
             self.clock.forget(state.time_s, received_s)  # it has not answered since
             self._date(state.time_s, received_s)
         ends = _ENDS.get(state.phase, 0)
-        if ends or state.override or state.left is not None or self._says:
+        if ends or state.override or state.left is not None or state.down or self._says:
             self._note("ends", (ends, state.step) if ends else None, received_s)
             self._note("left", state.left is not None or None, received_s)  # by whatever order
             self._note("down", state.down or None, received_s)

@@ -60,7 +60,8 @@ class OtherAircraft(NamedTuple):
     left: CommandKind | None = None
     """The order by which it has left the formation (`AgentState.left`)."""
     down: bool = False
-    """Its flight is over, and its vehicle stands on the ground."""
+    """Its vehicle stands on the ground, and stays there: its flight is over, or it waits to be
+    launched."""
     held: bool = False
     """It carries out a command."""
     expelled: bool = False
