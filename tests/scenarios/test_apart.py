@@ -253,6 +253,64 @@ def test_a_quarter_leaves_and_the_ring_stands_again_within_15_s(how: str) -> Non
     assert swarm.closest_m > 2.5
 
 
+# --- back in the middle, and left behind ---
+
+
+@cache
+def moving() -> LoadedMission:
+    """Four in a block, which flies north by two legs."""
+    head = TEXT.partition("  - hold: {duration_s: 25}")[0]
+    return loads(f"{head}  - move: {{along: [[40, 5], [80, 5]], speed_mps: 2}}\n  - land\n")
+
+
+@pytest.mark.parametrize("agent", [1, 4])
+def test_one_comes_back_to_the_others_where_they_are_in_their_move(agent: int) -> None:
+    """Also the lowest id, by whose frame all fly: it takes the others' place and leg, and leads
+    none of them back to where it left them."""
+    swarm = at_step(moving(), HOLD)
+    swarm.run(3.0)
+    swarm.command("goto", (agent,), step=GotoStep(((agent, (-10.0, -10.0)),), 4.0, 1e9))
+    swarm.run(22.0)
+    others = [i for i in (1, 2, 3, 4) if i != agent]
+    furthest_m = {i: swarm.positions()[i][0] for i in others}
+    assert min(furthest_m.values()) > 40.0
+    swarm.command("resume", (agent,), name="c2")
+    while swarm.members[2].status.step == HOLD:  # type: ignore[union-attr]
+        swarm.tick()
+        for i, (north_m, _) in swarm.positions().items():
+            if i in others:
+                assert north_m > furthest_m[i] - 4.0
+                furthest_m[i] = max(furthest_m[i], north_m)
+    swarm.fly()
+    assert set(swarm.outcomes().values()) == {Outcome.COMPLETED}
+    assert swarm.closest_m > 2.5
+
+
+def test_one_that_is_away_stays_where_an_order_to_hold_finds_it() -> None:
+    """It does not fly back to its slot in order to hold there."""
+    swarm = sent(1)
+    swarm.run(20.0)
+    swarm.command("hold", (1,), name="c2")
+    swarm.run(8.0)
+    assert math.dist(swarm.positions()[1], PLACE) < 1.5
+    swarm.command("resume", (1,), name="c3")
+    swarm.fly()
+    assert set(swarm.outcomes().values()) == {Outcome.COMPLETED}
+    assert swarm.closest_m > 2.5
+
+
+def test_one_that_is_away_flies_on_when_none_of_the_others_does() -> None:
+    """They are landed by an order, by which it has to do nothing; then nobody would call it."""
+    text = TEXT.replace("left_by_order: land", "left_by_order: continue")
+    swarm = at_step(loads(text), HOLD)
+    swarm.command("goto", (1,), step=GotoStep(((1, PLACE),), 4.0, 1e9))
+    swarm.run(5.0)
+    swarm.command("land", (2, 3, 4), name="c2")
+    swarm.fly(300.0)
+    assert swarm.outcomes()[1] == Outcome.COMPLETED
+    assert swarm.all_down
+
+
 # --- under the others ---
 
 

@@ -68,6 +68,8 @@ _HINDRANCE_S = 30.0
 _LINGER_S = 2.0
 """After the end an agent goes on saying so, and gives the vehicle its parameters back."""
 _ROUNDING_S = 1e-6
+_GO_ON: Final = (CommandKind.READMIT, CommandKind.NEXT)
+"""They end a command, as `resume` does."""
 _RELEASE_AT_MOST_S = 5.0
 """A vehicle that has not confirmed its own parameters by then (five tries) keeps ours, which are
 the careful ones."""
@@ -333,6 +335,7 @@ class Agent:
         """Acknowledge a command, and do what it asks for if it is new and can be done."""
         handler, group = self._command_handler, self._group
         frame, before = group.reference.frame, handler.override
+        joins, step = False, group.progress.step
         flown = before.step if before else group.progress.current
         situation = AgentSituation(
             plan=self._plan,
@@ -359,15 +362,19 @@ class Agent:
             self._takeover.take_back(tick)
         elif command.kind == CommandKind.RESUME:
             group.accept()
-            self._takeover.catch_up(tick)
-        elif command.kind == CommandKind.READMIT and handler.override is not before:
-            self._takeover.catch_up(tick)
-        if command.kind == CommandKind.NEXT:
+            joins = self._takeover.catch_up(tick, handler.tag)
+        elif command.kind in _GO_ON and handler.override is not before:
+            joins = self._takeover.catch_up(tick, handler.tag)
+        elif group.away and handler.override is not before:
+            joins = self._takeover.take_up(tick, handler.tag)
+        group.away |= handler.sent_to is not None
+        if command.kind == CommandKind.NEXT and group.progress.step == step:
             group.progress.finish_step(tick.now, StepOutcome.SKIPPED)
         after = handler.override
         if after is not before:
             self._executor.overridden(command.kind, flown)
-            self._enter(after.step if after else None, before.leg if before else 0)
+            leg = before.leg if before else 0
+            self._enter(after.step if after else None, None if joins else leg)
         return ack
 
     def _drop_command(self, tick: Tick) -> None:
@@ -378,12 +385,12 @@ class Agent:
             return
         text = f"no other agent flies the commanded {before.kind}: going on without it"
         self._log.say(tick.now, Severity.WARNING, text)
-        self._takeover.catch_up(tick)
         if before.kind == CommandKind.FORM:
             self._group.reference.form(*self._shape)
             self._group.heights = self._heights
+        joins = self._takeover.catch_up(tick, handler.tag)
         after = handler.override
-        self._enter(after.step if after else None, before.leg)
+        self._enter(after.step if after else None, None if joins else before.leg)
 
     def _hold_if_expelled(self) -> None:
         """An agent that was expelled on its way up holds as soon as it flies."""
@@ -396,16 +403,24 @@ class Agent:
             self._enter(handler.override.step, 0)
 
     def _come_along(self, tick: Tick) -> None:
-        """An agent that was sent away comes down when the others do: nobody would call it back."""
+        """An agent that was sent away comes along when the others go down, and goes on alone when
+        none of them flies any more: nobody would call it back. One on its way back keeps to the
+        step of the others."""
         handler = self._command_handler
+        joins = self._group.away and self._phase is Phase.FLY and handler.override is None
+        if joins and self._takeover.behind(tick):
+            self._takeover.catch_up(tick)
+            self._enter(None, None)
         if handler.sent_to is None:
             return
         ends = self._takeover.swarm_goes_down(tick)
+        if not ends and self._group.all_over(tick.peers):
+            ends = "no other agent flies the mission any more"
         if ends:
             self._log.say(tick.now, Severity.INFO, f"comes along: {ends}")
             handler.come_back()
             self._takeover.catch_up(tick)
-            self._enter(None, 0)
+            self._enter(None, None)
 
     # --- judge: the group, and whether a failsafe fires ---
 
@@ -536,7 +551,7 @@ class Agent:
         if self._command_handler.override is not None or not progress.done or progress.finished:
             return
         if group.grounded and progress.step and self._takeover.catch_up(tick):
-            self._enter(None)
+            self._enter(None, None)
             return
         told = group.told(tick, airborne=self._vehicle.was_armed)
         if group.routes.open_to(self._id, progress.step, told):
@@ -549,8 +564,9 @@ class Agent:
         if progress.current is not None:
             self._enter(progress.current)
 
-    def _enter(self, step: Step | None, leg: int = 0) -> None:
-        """Begin a step: a mission's, a command's, or (None) the mission's again, on its `leg`."""
+    def _enter(self, step: Step | None, leg: int | None = 0) -> None:
+        """Begin a step: a mission's, a command's, or (None) the mission's again, on its `leg`;
+        None: on that of the others, whose frame it has."""
         group = self._group
         self._executor.begin()
         group.forget_shape()
@@ -621,7 +637,7 @@ class Agent:
             exchange=group.slot_exchange.exchange,
             response_s=controller.estimate.response_s,
             doubt_s=controller.estimate.doubt_s,
-            left=left.order if left else CommandKind.GOTO if handler.sent_to else None,
+            left=left.order if left else CommandKind.GOTO if group.away else None,
             down=stands and (self._phase is Phase.ENDED or self._waits_on_ground),
             goal_height_m=self._steering.goal_height_m if self._plan.wake is not None else None,
         )

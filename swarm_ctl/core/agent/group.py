@@ -54,6 +54,11 @@ _GONE_S: Final = 60.0
 """An agent that was not heard for so long may have ended."""
 _CLOSES_S: Final = 1.0
 """All agents know by then who is left."""
+_NEAR: Final = 1.0
+"""[of r_out]: one that comes back is so near to its place when it is one of them again ..."""
+_STANDS_MPS: Final = 0.3
+_BLOCKED_S: Final = 8.0
+"""... or has stood for so long: something is in its way, and the law has ways out of that."""
 ALONE_S: Final = 15.0
 """A command for all reaches all within ten seconds, or its sender gives it up."""
 
@@ -65,6 +70,7 @@ class Group:
         self._plan, self._own = plan, own_id
         self._policies, self._unit_m = plan.policies, plan.unit_m
         self._fence, self._tick_s = plan.fence, plan.tick_s
+        self._near_m = _NEAR * plan.law.r_out * plan.unit_m
         self._peers, self._log = peers, log
         self.routes = Routes(plan)
         self.progress = Progress(self.routes.of[own_id], plan.prepare_timeout_s, now)
@@ -84,6 +90,11 @@ class Group:
         shape has closed or opened."""
         self._grounded = frozenset(agent.id for agent in plan.agents if agent.waits)
         """They stay on the ground until they are launched, and count as soon as they are up."""
+        self.away = own_id in self._grounded
+        """This agent was sent away, or waits on the ground, and is not back at its place yet; the
+        others go on without it."""
+        self._moved_s = math.inf
+        """When it moved last as it joined them."""
         self._held_since: dict[int, float] = {}
         """By agent: since when it flies a command that this agent does not."""
         self._alone_since = math.inf
@@ -128,10 +139,15 @@ class Group:
         return self._own in self._grounded and self.progress.step <= _UP
 
     def all_over(self, peers: PeerSnapshot) -> bool:
-        """The others have ended, or are not heard any more: nobody is left to join."""
-        others = [peer for peer in peers.peers if peer.id not in self._grounded]
-        over = (p.state.phase is Phase.ENDED or p.silent_s > _GONE_S for p in others if p.state)
-        return any(p.state is not None for p in others) and all(over)
+        """The others that fly the mission have ended, or are not heard any more: nobody is left to
+        join. Those that were sent away, or wait on the ground, do not fly it."""
+        over = [
+            (peer.ends and peer.state.phase is Phase.ENDED) or peer.silent_s > _GONE_S
+            for peer in peers.peers
+            if peer.state is not None and peer.left is not CommandKind.GOTO
+            if peer.id not in self._grounded or peer.state.step > _UP
+        ]
+        return bool(over) and all(over)
 
     def mates(self, tick: Tick) -> PeerSnapshot:
         """The peers of the group as it is now: an order may have brought this agent to another one
@@ -447,6 +463,39 @@ class Group:
             return ""
         return f"target {follows.target} has not been heard for {follows.lost_after_s:g} s"
 
+    def joining(self, tick: Tick, key: FormationKey, own_m: Point) -> Point | None:
+        """Where an agent that was away flies, until it is so near to its place that the law draws
+        the others away by little: on its own way home it leaves them alone. None: it is there, as
+        near as it gets, or nobody flies the formation."""
+        lost, slots = self.lost(self.mates(tick), airborne=True), self.reference.slots
+        others = [
+            peer
+            for peer in self.mates(tick).peers
+            if peer.state is not None
+            and peer.state.phase in (Phase.FLY, Phase.HOLD)
+            and peer.state.left is None
+            and peer.id not in lost
+        ]
+        if not others or not slots:
+            return None
+        seen = [peer for peer in others if peer.followed]
+        if not seen:
+            return own_m
+        at = [peer.stop_point - complex(*slots[peer.id]) * self._unit_m for peer in seen]
+        place = sum(at) / len(at) + complex(*slots[self._own]) * self._unit_m
+        fix = tick.newest_fix
+        moves = fix is None or math.hypot(*fix.velocity_ned_mps[:2]) > _STANDS_MPS
+        if moves or math.isinf(self._moved_s):
+            self._moved_s = tick.now
+        near = abs(place - complex(*own_m)) < self._near_m
+        near |= tick.now - self._moved_s > _BLOCKED_S
+        together = any(peer.formation == key for peer in seen)
+        return None if together and near else (place.real, place.imag)
+
+    def join(self) -> None:
+        """It is one of the formation again."""
+        self.away, self._moved_s = False, math.inf
+
     def file_place(self, tick: Tick, step: MoveStep, own_m: Point) -> Point | None:
         """Where to fly in a move in file; None: stay. Call it after `formation`."""
         frame = self.reference.frame
@@ -530,11 +579,17 @@ class Group:
         for each in self.progress.steps[self._first : step]:
             if each.new_shape is not None:
                 self.begin_form(each.new_shape)
-        in_step = [s for s in flying if s.step == step and s.agent in self.ids]
-        if in_step:
-            leader = min(in_step, key=lambda state: state.agent)
-            self._detour.join(leader.gains_tag)
-            self.reference.join(leader.frame)
+        self.take_up(flying)
+
+    def take_up(self, flying: list[AgentState]) -> bool:
+        """The frame as the peers have it that are `flying` in the own step; whether one has one."""
+        in_step = [s for s in flying if s.step == self.progress.step and s.agent in self.ids]
+        if not in_step:
+            return False
+        leader = min(in_step, key=lambda state: state.agent)
+        self._detour.join(leader.gains_tag)
+        self.reference.join(leader.frame)
+        return leader.frame is not None
 
 
 def _since(peer: OtherAircraft, now: float) -> float:

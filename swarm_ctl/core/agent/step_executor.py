@@ -76,7 +76,7 @@ class StepExecutor:
         """A command of this kind takes the place of `before`, which was flown until now."""
         still = self._scattered and kind == CommandKind.HOLD
         forms = before is not None and before.new_shape is not None
-        self._scattered = forms or still
+        self._scattered = forms or still or self._group.away
 
     def decide(self, tick: Tick, own_m: Point) -> Intent:
         """What the agent does in this tick; `own_m` is its stop point."""
@@ -199,6 +199,7 @@ class StepExecutor:
     def _fly_formation(self, tick: Tick, step: Step, own_m: Point) -> Intent:
         """The law in the mission's step, or in what a command has put in its place."""
         override, reason = self._command_handler.override, None
+        course: Course = KeepClear()
         if override is not None:
             reason = f"the operator commands: {override.kind}"
             stands = override.kind == CommandKind.HOLD and self._scattered
@@ -207,12 +208,19 @@ class StepExecutor:
             sent_to = self._command_handler.sent_to
             if sent_to is not None:
                 return Intent(FlyTo(*sent_to), Phase.FLY, reason)
-        course: Course = KeepClear()
+        tag = self._command_handler.tag
+        if self._group.away:
+            place_m = self._group.joining(tick, self._group.key(tag), own_m)
+            if place_m is not None:
+                course = FlyTo(place_m, self._preflight.plan.limits.speed_mps)
+                return Intent(course, Phase.FLY, reason or "joins the others")
+            self._group.join()
+            self._takeover.take_up(tick, tag)
         if tick.fix is not None:
             if override is None:
                 self._exchange_slots(tick, step, own_m)
             flown = override.step if override is not None else step
-            tag, free = self._command_handler.tag, self._interruption.trigger is None
+            free = self._interruption.trigger is None
             law = self._command_handler.gain_update
             flown = self._group.on_way(flown, law.zones_in_force, law.tag, tag)
             step = flown if override is None else step

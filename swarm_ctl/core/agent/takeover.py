@@ -231,13 +231,22 @@ class Takeover:
             why = "no other agent flies the mission any more"
             self._interruption.heed(tick, failed(FailsafeAction.LAND, why, Cause.PEER))
 
-    def catch_up(self, tick: Tick) -> bool:
+    def behind(self, tick: Tick) -> bool:
+        """The others are further in the mission than this agent."""
+        return self._step_of(self._flying(tick)) > self._group.progress.step
+
+    def take_up(self, tick: Tick, override: int) -> bool:
+        """Where the others are in the own step, or in the command of this tag that is flown in its
+        place; whether some fly it."""
+        return self._group.take_up([s for s in self._flying(tick) if s.override == override])
+
+    def catch_up(self, tick: Tick, override: int = 0) -> bool:
         """To the step of the others, who went on without this agent, which a command held for long
-        or has launched; whether they had."""
+        or has launched, and to where they are in it; whether there are such."""
         flying = self._flying(tick)
         step = self._step_of(flying)
         if step <= self._group.progress.step:
-            return False
+            return self.take_up(tick, override)
         self._rejoin(tick.now, step, flying)
         return True
 

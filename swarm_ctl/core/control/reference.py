@@ -158,10 +158,11 @@ class Reference:
         indices = self._indices or {agent: k for k, agent in enumerate(self._ids)}
         self._slots = {agent: self._places[indices[agent]] for agent in self._ids}
 
-    def begin(self, leg: int = 0) -> None:
-        """Begin another kind of step from where the frame is."""
+    def begin(self, leg: int | None = 0) -> None:
+        """Begin another kind of step from where the frame is; on its own leg, if `leg` is None."""
         if self.frame is not None:
-            self.frame = replace(self.frame.stopped(), leg=leg)
+            frame = self.frame.stopped()
+            self.frame = frame if leg is None else replace(frame, leg=leg)
         self._bounds.begin(self.frame)
 
     def join(self, frame: Frame | None) -> None:

@@ -152,7 +152,7 @@ class Peer:
             age_s <= NEIGHBOUR_S + late_s and heard,
             age_s <= FRESH_S and heard and state.phase in _YIELDING and not suspect,
             (self._group(state.step), state.step, state.override)
-            if fresh and state.phase is Phase.FLY
+            if fresh and state.phase is Phase.FLY and state.left is None
             else None,
             self.limits.counted_s(state.response_s),
             self.clock.unknown_s is not None,

@@ -85,7 +85,7 @@ class OtherAircraft(NamedTuple):
         told = self.state
         if told is None or told.phase is not Phase.FLY:
             return False
-        return key is None or (told.step, told.override) != key[1:]
+        return key is None or told.left is not None or (told.step, told.override) != key[1:]
 
     @property
     def silent_s(self) -> float:
