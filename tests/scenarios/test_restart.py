@@ -128,6 +128,21 @@ def test_comes_too_late() -> None:
     assert swarm.all_down
 
 
+def test_one_that_ended_before_is_waited_for_by_none_that_starts_again() -> None:
+    """It was never heard by the new process: the others, which have heard it land, go on, and so
+    does that one."""
+    swarm = at_step(quartet("hold: {duration_s: 40}", "form: {shape: row}", "land"), THIRD)
+    swarm.command("land", (1,))
+    swarm.wait(lambda s: 1 in s.outcomes())
+    swarm.run(4.0)
+    swarm.kill(2)
+    swarm.run(GONE_S)
+    swarm.restart(2)
+    swarm.fly(900)
+    assert {swarm.outcomes()[agent] for agent in (2, 3, 4)} == {"completed"}
+    assert swarm.all_down
+
+
 def test_another_plan_leaves_the_vehicle_alone() -> None:
     """It sends nothing that moves it, ends, and says why; the others land by the mission's
     policy."""

@@ -95,6 +95,8 @@ class Group:
         others go on without it."""
         self._moved_s = math.inf
         """When it moved last as it joined them."""
+        self._rejoined_s = math.inf
+        """When it began in the middle of the mission."""
         self._held_since: dict[int, float] = {}
         """By agent: since when it flies a command that this agent does not."""
         self._alone_since = math.inf
@@ -240,6 +242,8 @@ class Group:
             pause_s = self._policies.override_pause_s
             held = self._held_since.keys() - self.waits_for(tick.now).keys()
             self.departed = {i: f"a command has held agent {i} for {pause_s:g} s" for i in held}
+        strange = tick.now - self._rejoined_s > self._policies.agent_lost_after_s
+        strange = strange and any(peer.followed for peer in awaited)
         for peer in awaited:
             state = peer.state
             if peer.id in self._grounded and (state is None or state.step <= _UP):
@@ -248,6 +252,9 @@ class Group:
                 self.departed[peer.id] = f"agent {peer.id} was expelled by the operator"
             elif peer.left is not None and peer.state is not None:
                 self.departed[peer.id] = left_by_order(peer.state)
+            elif strange and state is None:  # the others may have heard it end
+                words = f"agent {peer.id} was not heard since this agent started again"
+                self.departed[peer.id] = words
         self.slot_exchange.departed = self.departed
         self.accepted &= self.departed.keys()
         if not self.departed:
@@ -574,6 +581,7 @@ class Group:
     def rejoin(self, now: float, step: int, flying: list[AgentState]) -> None:
         """Go on at this step, with the formation as the peers have it that are `flying`."""
         self.progress.rejoin(step, now)
+        self._rejoined_s = min(self._rejoined_s, now)
         if self._regroup(now):
             self.slot_exchange.rejoin(now)
         for each in self.progress.steps[self._first : step]:
