@@ -171,7 +171,7 @@ class _Flight:
         write_manifest(folder, manifest)
         self._manifest = manifest
         mcap = run_mcap(folder, manifest, station.name, self._live)
-        self._recorder, self.folder = Accounts(folder, mcap), folder
+        self._recorder, self.folder = Accounts(folder, mcap, self._swarm.clock), folder
         station.record(self._recorder)
         screen.note(f"run folder {folder}")
 
@@ -233,18 +233,18 @@ class Accounts(RunRecorder):
     """Records, and keeps each agent's last status, by the station's clock: an agent that ended has
     told it for seconds, and has no file in this station's folder."""
 
-    def __init__(self, folder: Path, mcap: McapRecorder) -> None:
+    def __init__(self, folder: Path, mcap: McapRecorder, clock: MeshClock) -> None:
         super().__init__(folder, mcap)
-        self._folder = folder / FINAL
+        self._folder, self._clock = folder / FINAL, clock
         self._last: dict[int, AgentStatus] = {}
         self._behind_s: dict[int, float] = {}
-        """The station's clock less the agent's, by its fastest message."""
+        """The station's steady clock less the agent's, by its fastest message."""
 
     def take(self, payload: Payload, received_s: float) -> None:
         """Record a message, and note whose clock it tells."""
         super().take(payload, received_s)
         if isinstance(payload, AgentState | AgentStatus):
-            behind_s = received_s - payload.time_s
+            behind_s = self._clock.steady_s - payload.time_s
             known_s = self._behind_s.get(payload.agent, math.inf)
             self._behind_s[payload.agent] = min(known_s, behind_s)
         if isinstance(payload, AgentStatus):
@@ -253,9 +253,10 @@ class Accounts(RunRecorder):
     def write_accounts(self) -> None:
         """Write the last word of each agent that has ended; the others have no account."""
         self._folder.mkdir(exist_ok=True)
+        ahead_s = self._clock.now() - self._clock.steady_s
         for agent, status in self._last.items():
             if status.outcome is not Outcome.RUNNING:
-                later = shifted(status, self._behind_s[agent])
+                later = shifted(status, self._behind_s[agent] + ahead_s)
                 with replacing(self._folder / f"{agent}.json") as file:
                     file.write(_STATUS.dump_json(later, indent=1))
 

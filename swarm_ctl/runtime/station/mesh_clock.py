@@ -30,6 +30,12 @@ class MeshClock:
         """Mission time [s]; before the first message, the time since the start."""
         return self._own.now() + self._ahead_s
 
+    @property
+    def steady_s(self) -> float:
+        """Since this clock's start [s], whatever agents tell: mission time leaps where one is heard
+        whose clock is ahead of all."""
+        return self._own.now()
+
     @classmethod
     def of_run(cls, manifest: Manifest) -> Clock | MeshClock:
         """The clock of a process that joins a run of this machine."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,10 +11,16 @@ from typing import Any
 import pytest
 
 from swarm_ctl.core.model.messages import Outcome
+from swarm_ctl.recording.mcap_recorder import McapRecorder
+from swarm_ctl.report.folder.last_statuses import FINAL
 from swarm_ctl.rim import Rim
 from swarm_ctl.runtime.station import judged_flight
-from swarm_ctl.runtime.station.judged_flight import _SETTLES_WALL_S, _Flight
+from swarm_ctl.runtime.station.judged_flight import _SETTLES_WALL_S, Accounts, _Flight
+from swarm_ctl.runtime.station.mesh_clock import MeshClock
 from tests.unit.report.run_folders import manifest
+from tests.unit.station.swarm import hexagon_plan, status_of
+
+PLAN = hexagon_plan()
 
 
 class Begins:
@@ -72,3 +80,23 @@ def test_the_truth_stands_on_the_clock_of_the_end(monkeypatch: pytest.MonkeyPatc
     flight._take_truth(SimpleNamespace())  # type: ignore[arg-type]
     ((_, _, taken, now_s),) = given
     assert (taken.epoch_s, now_s) == (83.0, 51.0)
+
+
+def test_accounts_stand_on_the_clock_of_the_end(tmp_path: Path) -> None:
+    """The mission's clock leaps once an agent is heard that is ahead of all; what those before it
+    have told moves along, as the truth does."""
+    time = SimpleNamespace(s=0.0)
+    clock = MeshClock()
+    clock._own = SimpleNamespace(now=lambda: time.s)  # type: ignore[assignment]
+    with closing(Accounts(tmp_path, McapRecorder(tmp_path, 0, {}), clock)) as accounts:
+        for k in range(40):
+            time.s = 0.1 * k
+            told = {1: time.s + 5.0} | ({2: time.s + 26.0} if k > 20 else {})
+            for agent, told_s in told.items():
+                outcome = Outcome.COMPLETED if k == 39 else Outcome.RUNNING
+                status = status_of(PLAN, agent, told_s, outcome=outcome)
+                accounts.take(status, clock.now())
+                clock.hear(told_s)
+        accounts.write_accounts()
+        ends = [json.loads((tmp_path / FINAL / f"{i}.json").read_text())["time_s"] for i in (1, 2)]
+    assert ends == pytest.approx([clock.now()] * 2, abs=0.1)
