@@ -95,8 +95,8 @@ def test_accounts_stand_on_the_clock_of_the_end(tmp_path: Path) -> None:
             for agent, told_s in told.items():
                 outcome = Outcome.COMPLETED if k == 39 else Outcome.RUNNING
                 status = status_of(PLAN, agent, told_s, outcome=outcome)
-                accounts.take(status, clock.now())
                 clock.hear(told_s)
+                accounts.take(status, clock.now())
         accounts.write_accounts()
         ends = [json.loads((tmp_path / FINAL / f"{i}.json").read_text())["time_s"] for i in (1, 2)]
     assert ends == pytest.approx([clock.now()] * 2, abs=0.1)
