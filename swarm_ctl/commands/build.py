@@ -135,14 +135,15 @@ class SwarmNow:
 
     def meant(self, order: Order) -> tuple[int, ...]:
         """The agents that an order is for: those that it names, of a group those that have not left
-        the formation; else all of the formation, and for one that ends the mission all that have
-        not ended."""
+        the formation; else all of the formation, and for one that ends the mission, or brings back
+        those that are away, all that have not ended."""
         ids = order.named(self.plan, self.step)
         if order.kind in ABOUT:
             return tuple(a.id for a in self.agents if not a.down and a.id not in ids)
         if order.kind in _TOGETHER and not ids and len(groups := self.groups) == 1:
             ids = groups[0].ids
-        gone = {a.id for a in self.agents if a.left and (a.down or order.kind not in ENDING)}
+        reaches = (*ENDING, CommandKind.RESUME)
+        gone = {a.id for a in self.agents if a.left and (a.down or order.kind not in reaches)}
         asked = ids or tuple(agent.id for agent in self.agents)
         return tuple(i for i in asked if i not in gone or i in order.agents) or ids
 

@@ -253,6 +253,7 @@ def _done(command: Command, situation: AgentSituation) -> bool:
 _TOGETHER: Final = (CommandKind.FORM, CommandKind.MOVE, CommandKind.FOLLOW)
 _WAY_DOWN: Final = "allowed now: land, kill"
 _HELD: Final = (Phase.HOLD, Phase.YIELD)
+"""A `resume` is for an agent in one of these, or that flies a command."""
 
 
 def _check_kill(_: Command, situation: AgentSituation) -> str:

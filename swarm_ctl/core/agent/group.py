@@ -96,7 +96,7 @@ class Group:
         self._moved_s = math.inf
         """When it moved last as it joined them."""
         self._rejoined_s = math.inf
-        """When it began in the middle of the mission."""
+        """When it began in mid-mission [s]: it has heard nothing of what was before."""
         self._held_since: dict[int, float] = {}
         """By agent: since when it flies a command that this agent does not."""
         self._alone_since = math.inf

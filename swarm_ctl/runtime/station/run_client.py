@@ -23,6 +23,7 @@ from swarm_ctl.runtime.station.ground_station import Station, open_node, swarm_n
 from swarm_ctl.runtime.station.mesh_clock import MeshClock
 from swarm_ctl.station.picture.view import AgentView, SwarmView
 
+_MADE_OF_ALL: Final = (CommandKind.FORM, CommandKind.MOVE, CommandKind.GOTO, *ASKS)
 _HEAR_WALL_S: Final = 3.0
 """To hear the agents after joining; an agent that is silent for so long has ended or hangs."""
 _REST_WALL_S: Final = 0.3
@@ -148,19 +149,16 @@ class RunClient:
         return self._station.view().zones
 
     def _wait_for_agents(self, order: Order) -> None:
-        """A command that is made of where the agents are, or of their law, waits for all of them;
-        others leave as soon as the mesh is joined."""
-        needs_all, since_s = (
-            order.kind in (CommandKind.FORM, *ASKS) or order.by,
-            self._clock.now(),
-        )
+        """A command that is made of where agents are, or of their law, waits for all that it is
+        for; others leave as soon as the mesh is joined."""
+        needs_all, since_s = order.kind in _MADE_OF_ALL, self._clock.now()
         until = self._waited_s() + _HEAR_WALL_S
         heard: list[AgentView] = []
-        ready: list[AgentView] = []
-        while len(ready) < len(self._now().meant(order)) and self._waited_s() < until:
+        ready = set[int]()
+        while not ready.issuperset(self._now().meant(order)) and self._waited_s() < until:
             self._station.hear()
             before, heard = heard, self._heard(since_s)
-            ready = [agent for agent in heard if agent.status or order.kind not in ASKS]
+            ready = {agent.id for agent in heard if agent.status or order.kind not in ASKS}
             if heard and not before and not needs_all:
                 until = min(until, self._waited_s() + _REST_WALL_S)
             self.turn()

@@ -226,10 +226,11 @@ def test_an_order_to_a_group_is_for_its_agents(kind: str) -> None:
 
 
 def test_who_has_left_is_not_asked_with_its_group() -> None:
-    """But where it is named itself; one that flies home is landed with the others."""
+    """But where it is named itself; one that is away is landed with the others, or called back."""
     swarm = in_groups(a2=True, a3=False)
     assert swarm.meant(Order("hold", groups=("scouts",))) == (1, 4)
     assert swarm.meant(Order("land", groups=("scouts",))) == (1, 3, 4)
+    assert swarm.meant(Order("resume", groups=("scouts",))) == (1, 3, 4)
     assert swarm.meant(Order("hold", (), (2,), groups=("scouts",))) == (1, 2, 4)
     assert build(Order("hold", groups=("scouts",)), swarm).agents == SCOUTS
 
