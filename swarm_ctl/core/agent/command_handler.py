@@ -16,7 +16,16 @@ from typing import Final
 from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.agent.return_to_launch import highest_m
 from swarm_ctl.core.law.formation import smallest_distance
-from swarm_ctl.core.model.messages import ABOUT, ENDING, Ack, Command, CommandKind, Departure, Phase
+from swarm_ctl.core.model.messages import (
+    ABOUT,
+    ENDING,
+    Ack,
+    AgentState,
+    Command,
+    CommandKind,
+    Departure,
+    Phase,
+)
 from swarm_ctl.core.model.plan import MOST_UP_M, Plan, Point
 from swarm_ctl.core.model.steps.hold import HoldStep
 from swarm_ctl.core.model.steps.step import Step
@@ -253,7 +262,6 @@ def _done(command: Command, situation: AgentSituation) -> bool:
 _TOGETHER: Final = (CommandKind.FORM, CommandKind.MOVE, CommandKind.FOLLOW)
 _WAY_DOWN: Final = "allowed now: land, kill"
 _HELD: Final = (Phase.HOLD, Phase.YIELD)
-"""A `resume` is for an agent in one of these, or that flies a command."""
 
 
 def _check_kill(_: Command, situation: AgentSituation) -> str:
@@ -293,6 +301,12 @@ def _check_flying(_: Command, situation: AgentSituation) -> str:
     return ""
 
 
+def _waits(peer: AgentState) -> bool:
+    """A `resume` is for it: it flies a command, is held, or is away; on its way back, too, so that
+    who hears the order later than it did says the same."""
+    return bool(peer.override) or peer.left is CommandKind.GOTO or peer.phase in _HELD
+
+
 def _check_resume(command: Command, situation: AgentSituation) -> str:
     if situation.phase is Phase.YIELD:
         return situation.not_given_back
@@ -302,7 +316,7 @@ def _check_resume(command: Command, situation: AgentSituation) -> str:
         return ""
     if situation.override is None:
         peers = situation.peers.fresh() if situation.phase is Phase.FLY else ()
-        if not command.agents and any(s.override or s.phase in _HELD for s in peers):
+        if not command.agents and any(map(_waits, peers)):
             return ""
         return f"agent {situation.agent} is not held; there is nothing to resume"
     return _check_flying(command, situation)

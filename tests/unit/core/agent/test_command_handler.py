@@ -157,7 +157,9 @@ def test_resume_takes_a_vehicle_again_that_is_given_back() -> None:
 
 
 @pytest.mark.parametrize(
-    "waits", [{"override": 7}, {"phase": Phase.HOLD}, {"phase": Phase.YIELD}], ids=str
+    "waits",
+    [{"override": 7}, {"left": CommandKind.GOTO}, {"phase": Phase.HOLD}, {"phase": Phase.YIELD}],
+    ids=str,
 )
 def test_a_resume_to_all_is_done_for_those_that_fly_on(waits: dict[str, Any]) -> None:
     """While another agent waits for it. By its own number it is refused, and so it is of all where
