@@ -23,5 +23,5 @@ for deal in /deal/*; do
 done
 rm -rf "$made"
 swarm-ctl plan "$1" --fleet "$2" --out /plan/plan.json.new
-[ -z "${3:-}" ] || python3 -m swarm_ctl.runtime.vehicles.homes /plan/plan.json.new /plan
+[ -z "${3:-}" ] || python3 -m swarm_ctl.engine.vehicles.homes /plan/plan.json.new /plan
 mv /plan/plan.json.new /plan/plan.json

@@ -18,8 +18,8 @@ from swarm_ctl.errors import SwarmError
 from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps, load, loads
 from swarm_ctl.mission.mission_file import MissionFile
-from swarm_ctl.report.folder.truth import Truth
 from swarm_ctl.report.judge.summary import Summary
+from swarm_ctl.runfolder.truth import Truth
 from swarm_ctl.station.picture.view import SwarmView
 from swarm_ctl.virtual.scenario import Scenario, load_scenario, scenario_of, scenario_text
 from swarm_ctl.virtual.scenario_file import is_scenario, says_scenario

@@ -20,16 +20,16 @@ from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.model.messages import AgentStatus, Event
 from swarm_ctl.core.model.messages import Phase as AgentPhase
+from swarm_ctl.engine.clock import pause, wall_s
+from swarm_ctl.engine.lockstep.seat import STATION, TEST, BarrierSeat
+from swarm_ctl.engine.lockstep.words import TickPhase
+from swarm_ctl.engine.station.run_client import RunClient
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps
-from swarm_ctl.report.folder.last_statuses import read_events, read_last_statuses, read_statuses
-from swarm_ctl.report.folder.manifest import read_manifest
-from swarm_ctl.report.folder.truth import TRUTH, EventKind, load_truth
 from swarm_ctl.report.judge.summary import SUMMARY, Summary
-from swarm_ctl.runtime.clock import pause, wall_s
-from swarm_ctl.runtime.lockstep.seat import STATION, TEST, BarrierSeat
-from swarm_ctl.runtime.lockstep.words import TickPhase
-from swarm_ctl.runtime.station.run_client import RunClient
+from swarm_ctl.runfolder.last_statuses import read_events, read_last_statuses, read_statuses
+from swarm_ctl.runfolder.manifest import read_manifest
+from swarm_ctl.runfolder.truth import TRUTH, EventKind, load_truth
 from swarm_ctl.station.picture.view import SwarmView
 from swarm_ctl.virtual.as_processes import run_script
 from swarm_ctl.virtual.scenario import Scenario, mission_source, scenario_text

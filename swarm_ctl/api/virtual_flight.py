@@ -13,8 +13,8 @@ from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Event
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.swarm.gain_update import ASKS
+from swarm_ctl.engine.station.ground_station import Station
 from swarm_ctl.mission.compile.loader import LoadedMission
-from swarm_ctl.runtime.station.ground_station import Station
 from swarm_ctl.station.picture.view import SwarmView
 from swarm_ctl.virtual.scenario import Scenario
 from swarm_ctl.virtual.scenario_flight import ScenarioFlight

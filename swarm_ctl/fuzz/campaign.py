@@ -19,6 +19,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+from swarm_ctl.engine.clock import cpu_s, wall_s
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.fuzz.coverage import Coverage, CoverageCell, cells_of
 from swarm_ctl.fuzz.draw import draw
@@ -26,7 +27,6 @@ from swarm_ctl.fuzz.invariants import Broken, Invariant, broken
 from swarm_ctl.fuzz.lockstep import unlike_as_processes
 from swarm_ctl.installed import version
 from swarm_ctl.mission.compile.loader import LoadedMission
-from swarm_ctl.runtime.clock import cpu_s, wall_s
 from swarm_ctl.signals import deaf_children, deaf_tracker, hears
 from swarm_ctl.virtual.scenario import Scenario
 from swarm_ctl.virtual.scenario_flight import FlownScenario, fly_scenario

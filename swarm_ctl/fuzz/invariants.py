@@ -30,8 +30,8 @@ from swarm_ctl.core.safety.surroundings import Outline
 from swarm_ctl.fuzz.losses import ACTS_S, policies_act
 from swarm_ctl.fuzz.seen import FLIES, FREE_M, Seen
 from swarm_ctl.mission.compile.forecast import forecast
-from swarm_ctl.report.folder.truth import EventKind
 from swarm_ctl.report.judge.summary import StepVerdict
+from swarm_ctl.runfolder.truth import EventKind
 from swarm_ctl.virtual.scenario_flight import FlownScenario, GivenOrder
 
 _OUT_M: Final = 2.0

@@ -16,8 +16,8 @@ from swarm_ctl.core.kernel.constraints import margins_of
 from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Phase
 from swarm_ctl.core.model.route import Route, Routes
 from swarm_ctl.mission.checks import envelope
-from swarm_ctl.report.folder.run_folder import ZoneSpell, zone_spells
-from swarm_ctl.report.folder.truth import EventKind
+from swarm_ctl.runfolder.run_folder import ZoneSpell, zone_spells
+from swarm_ctl.runfolder.truth import EventKind
 from swarm_ctl.virtual.as_processes import own_clocks
 from swarm_ctl.virtual.scenario import Happening
 from swarm_ctl.virtual.scenario_flight import FlownScenario, GivenOrder

@@ -11,20 +11,20 @@ from typing import Any, Final
 from pydantic import TypeAdapter
 
 from swarm_ctl.core.model.messages import AgentStatus, Event, Outcome, Payload
+from swarm_ctl.engine import clock as wall
+from swarm_ctl.engine.station.recorders import run_mcap
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.recording.run_recorder import RunRecorder
-from swarm_ctl.report.folder.files import Damage
-from swarm_ctl.report.folder.last_statuses import FINAL, last_statuses, of_processes
-from swarm_ctl.report.folder.manifest import Manifest, package_versions, write_manifest
-from swarm_ctl.report.folder.run_folder import RunFolder, flown, zone_spells
-from swarm_ctl.report.folder.truth import TRUTH, Truth, truth_line, truth_of
 from swarm_ctl.report.judge.summarise import summarise, summary_of
 from swarm_ctl.report.judge.summary import Summary, write_summary
-from swarm_ctl.runtime import clock as wall
-from swarm_ctl.runtime.foxglove.recorders import run_mcap
+from swarm_ctl.runfolder.files import Damage
+from swarm_ctl.runfolder.last_statuses import FINAL, last_statuses, of_processes
+from swarm_ctl.runfolder.manifest import Manifest, package_versions, write_manifest
+from swarm_ctl.runfolder.run_folder import RunFolder, flown, zone_spells
+from swarm_ctl.runfolder.truth import TRUTH, Truth, truth_line, truth_of
 from swarm_sim.config import SimConfig
 from swarm_sim.world.truth_file import TruthFile
 from swarm_sim.world.truth_recorder import TruthRecorder

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from swarm_ctl.core.model.plan import Plan, Policy
+from swarm_ctl.engine.script import AgentScript, Deed, Due, RunScript, StationScript, Untruth
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh.impaired import Impairment
-from swarm_ctl.runtime.script import AgentScript, Deed, Due, RunScript, StationScript, Untruth
 from swarm_ctl.virtual.scenario import (
     STATION,
     Happening,

@@ -14,18 +14,18 @@ from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.model.messages import AgentStatus, Event, Phase
 from swarm_ctl.core.model.plan import Plan, Policy
 from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S
+from swarm_ctl.engine.collector import collected_rarely
+from swarm_ctl.engine.script import HELD_S, Holding, holds
+from swarm_ctl.engine.station.ground_station import Station
+from swarm_ctl.engine.station.scripted_operator import give_line
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh.impaired import ImpairedTransport
 from swarm_ctl.mesh.memory_transport import MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.transport import Transport
 from swarm_ctl.mission.compile.loader import LoadedMission
-from swarm_ctl.report.folder.truth import Truth
 from swarm_ctl.report.judge.summary import Summary
-from swarm_ctl.runtime.collector import collected_rarely
-from swarm_ctl.runtime.script import HELD_S, Holding, holds
-from swarm_ctl.runtime.station.ground_station import Station
-from swarm_ctl.runtime.station.scripted_operator import give_line
+from swarm_ctl.runfolder.truth import Truth
 from swarm_ctl.virtual.account import Account
 from swarm_ctl.virtual.as_processes import cut, dice_of, impairment_of, own_clocks, untruth_of
 from swarm_ctl.virtual.scenario import STATION, Happening, Says, Scenario

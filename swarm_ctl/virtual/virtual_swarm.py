@@ -28,6 +28,10 @@ from swarm_ctl.core.model.messages import (
     StationBeacon,
 )
 from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.engine.agent.publish import listen, publish
+from swarm_ctl.engine.collector import collected_rarely
+from swarm_ctl.engine.launch.sim_config import simulator_config
+from swarm_ctl.engine.vehicle_memory import Remembering, VehicleMemory
 from swarm_ctl.law_loader import own_law_of
 from swarm_ctl.mavlink.autopilots.timing import streams_hz
 from swarm_ctl.mavlink.link import VehicleLink
@@ -38,10 +42,6 @@ from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.transport import Transport
 from swarm_ctl.mission.compile.loader import LoadedMission
-from swarm_ctl.runtime.agent.publish import listen, publish
-from swarm_ctl.runtime.collector import collected_rarely
-from swarm_ctl.runtime.launch.sim_config import simulator_config
-from swarm_ctl.runtime.vehicle_memory import Remembering, VehicleMemory
 from swarm_ctl.virtual.account import Account
 from swarm_sim.config import SimConfig, VehicleConfig
 from swarm_sim.network.hub import Hub

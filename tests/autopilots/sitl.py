@@ -21,14 +21,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.core.model.plan import Geodetic
-from swarm_ctl.errors import StartError
-from swarm_ctl.mavlink import outgoing
-from swarm_ctl.mavlink.autopilots.modes import COPTER_MODES, PX4_MODES
-from swarm_ctl.mavlink.framer import Framer
-from swarm_ctl.mavlink.wires import open_wire
-from swarm_ctl.runtime.launch.processes import VehiclesChild, wait_all, wait_ready
-from swarm_ctl.runtime.vehicles.binaries import find
-from swarm_ctl.runtime.vehicles.order import (
+from swarm_ctl.engine.launch.processes import VehiclesChild, wait_all, wait_ready
+from swarm_ctl.engine.vehicles.binaries import find
+from swarm_ctl.engine.vehicles.order import (
     ORDERS,
     ORDERS_JSON,
     STARTED,
@@ -37,6 +32,11 @@ from swarm_ctl.runtime.vehicles.order import (
     Started,
     VehicleOrder,
 )
+from swarm_ctl.errors import StartError
+from swarm_ctl.mavlink import outgoing
+from swarm_ctl.mavlink.autopilots.modes import COPTER_MODES, PX4_MODES
+from swarm_ctl.mavlink.framer import Framer
+from swarm_ctl.mavlink.wires import open_wire
 from tests.system.running import ROOT, Running
 
 MISSIONS = ROOT / "missions"

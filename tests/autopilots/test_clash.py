@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl.core.model.fleet import VehicleKind
+from swarm_ctl.engine.launch.ports import free_ports
+from swarm_ctl.engine.vehicles.order import Started
 from swarm_ctl.mavlink.framer import Framer
 from swarm_ctl.mavlink.wires import open_wire
-from swarm_ctl.runtime.launch.ports import free_ports
-from swarm_ctl.runtime.vehicles.order import Started
 from tests.autopilots.sitl import Client, alone, standing
 from tests.system.running import Running
 

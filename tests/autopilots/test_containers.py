@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from swarm_ctl.engine.vehicles.containers import PREFIX, Image, find_image
 from swarm_ctl.errors import StartError
-from swarm_ctl.runtime.vehicles.containers import PREFIX, Image, find_image
 from tests.autopilots.sitl import Flight
 
 PAIR = Path(__file__).with_name("pair.yaml")

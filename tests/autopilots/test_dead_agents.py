@@ -17,9 +17,9 @@ import pytest
 
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.vehicle import AirborneGoal, FlyGoal, Goal, LandGoal, StandbyGoal
+from swarm_ctl.engine.vehicles.order import Started
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.link import VehicleLink
-from swarm_ctl.runtime.vehicles.order import Started
 from tests.autopilots.sitl import Client, standing
 
 HEIGHT_M = 6.0

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from swarm_ctl.core.model.fleet import VehicleKind
-from swarm_ctl.runtime.vehicle_memory import VehicleMemory
+from swarm_ctl.engine.vehicle_memory import VehicleMemory
 from tests.autopilots.sitl import Client, standing
 from tests.system.running import Running
 

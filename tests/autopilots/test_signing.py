@@ -18,12 +18,12 @@ import yaml
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.core.model.fleet import VehicleKind
+from swarm_ctl.engine.launch.ports import free_ports
+from swarm_ctl.engine.vehicles.instances import UDP
+from swarm_ctl.engine.vehicles.order import Started
 from swarm_ctl.mavlink.outgoing import ARM_DISARM, FORCE, command
 from swarm_ctl.mavlink.stamp import stamp_at
 from swarm_ctl.mavlink.wires import open_wire
-from swarm_ctl.runtime.launch.ports import free_ports
-from swarm_ctl.runtime.vehicles.instances import UDP
-from swarm_ctl.runtime.vehicles.order import Started
 from swarm_ctl.trust.provision import Terms, new
 from tests.autopilots.sitl import Client, alone, standing
 from tests.system.running import Running

@@ -33,11 +33,11 @@ from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.core.model.messages import LinkReport, SigmaReport
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.swarm.hearing import hears_all
+from swarm_ctl.engine.launch.ports import free_ports
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
-from swarm_ctl.report.folder.manifest import Manifest, write_manifest
-from swarm_ctl.runtime.launch.ports import free_ports
+from swarm_ctl.runfolder.manifest import Manifest, write_manifest
 from tests.unit.station.swarm import hexagon_plan, report_of, state_of, status_of
 
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
@@ -205,7 +205,7 @@ def _station(folder: Path, show: str, size: str) -> tuple[int, int, int]:
         command = [
             sys.executable,
             "-m",
-            "swarm_ctl.runtime.station.station_process",
+            "swarm_ctl.engine.station.station_process",
             "--run",
             str(folder),
             "--show",

@@ -25,8 +25,8 @@ from rich.console import Console
 from rich.table import Table
 
 from swarm_ctl.core.agent.agent import Actions, ended
+from swarm_ctl.engine.collector import collect_rarely
 from swarm_ctl.mission.compile.loader import load
-from swarm_ctl.runtime.collector import collect_rarely
 from swarm_ctl.virtual.virtual_swarm import VirtualAgent, VirtualSwarm
 from tests.bench.bench_run import ROOT
 

@@ -27,11 +27,11 @@ from typing import Any, Final
 from rich.console import Console
 from rich.table import Table
 
+from swarm_ctl.engine.launch.ports import free_ports
 from swarm_ctl.mesh.access import access_settings
 from swarm_ctl.mesh.keys import CLOCK
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.mission.compile.loader import load
-from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.trust.identity import load_identity
 from swarm_ctl.trust.provision import Terms, new
 from tests.bench.bench_run import ROOT, Usage, _fly

@@ -17,8 +17,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Self
 
+from swarm_ctl.engine.launch.sim_config import place, vehicle_config
 from swarm_ctl.mission.compile.loader import load
-from swarm_ctl.runtime.launch.sim_config import place, vehicle_config
 from tests.hosts.namespaces import Network
 from tests.hosts.relay import Air
 from tests.system.running import SWARM_CTL

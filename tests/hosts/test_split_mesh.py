@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.report.folder.truth import load_truth
+from swarm_ctl.runfolder.truth import load_truth
 from tests.hosts.namespaces import why_not
 from tests.hosts.relay import Air
 from tests.hosts.split import Split

@@ -175,7 +175,7 @@ FAULTS: Final = (
     Fault(
         "keeper-agents",
         "grants what comes after a tick without waiting for the agents",
-        "swarm_ctl/runtime/lockstep/keeper.py",
+        "swarm_ctl/engine/lockstep/keeper.py",
         "if any(m.port for m in running):",
         "if any(not m.port for m in running):",
         lockstep=True,

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from swarm_ctl.core.model.fleet import VehicleKind
+from swarm_ctl.engine.vehicles.order import Started
 from swarm_ctl.mavlink.framer import Framer, MavlinkFrame
 from swarm_ctl.mavlink.wires import open_wire
-from swarm_ctl.runtime.vehicles.order import Started
 from swarm_sim.network.hub import Hub
 from swarm_sim.world.world import STEP_S
 from tests.unit.sim.harness import ORIGIN, config

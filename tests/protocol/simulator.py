@@ -16,7 +16,7 @@ from typing import IO, Any
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from swarm_ctl.runtime.launch.ports import free_ports
+from swarm_ctl.engine.launch.ports import free_ports
 
 ORIGIN = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_m": 488.0}
 SPEEDUP = 5.0

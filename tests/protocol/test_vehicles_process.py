@@ -16,9 +16,9 @@ import pytest
 
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.plan import Geodetic
-from swarm_ctl.runtime.launch.ground_control import KNOWN
-from swarm_ctl.runtime.vehicles.containers import Image
-from swarm_ctl.runtime.vehicles.order import (
+from swarm_ctl.engine.launch.ground_control import KNOWN
+from swarm_ctl.engine.vehicles.containers import Image
+from swarm_ctl.engine.vehicles.order import (
     ORDERS,
     ORDERS_JSON,
     STARTED,
@@ -49,7 +49,7 @@ class Running:
             VehicleOrder(k, 10 + k, kind, programs[kind], place) for k, kind in enumerate(KINDS)
         )
         (folder / ORDERS).write_bytes(ORDERS_JSON.dump_json(Orders(2.0, orders)))
-        module = "swarm_ctl.runtime.vehicles.vehicles_process"
+        module = "swarm_ctl.engine.vehicles.vehicles_process"
         self.process = subprocess.Popen(
             [sys.executable, "-m", module, str(folder)],
             stdin=subprocess.PIPE,

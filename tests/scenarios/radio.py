@@ -11,11 +11,11 @@ from collections import deque
 from typing import Any, Final
 
 from swarm_ctl.core.swarm.radio import budget
+from swarm_ctl.engine.radio.load import RadioLoad
+from swarm_ctl.engine.radio.switch import RadioRoute, Switch
 from swarm_ctl.mavlink.framer import Framer
 from swarm_ctl.mavlink.wires import memory_wires
 from swarm_ctl.mission.compile.loader import LoadedMission
-from swarm_ctl.runtime.radio.load import RadioLoad
-from swarm_ctl.runtime.radio.switch import RadioRoute, Switch
 from swarm_sim.world.world import STEP_S
 from tests.scenarios.swarm import VirtualSwarm
 

@@ -13,9 +13,9 @@ from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.messages import Outcome, Phase, Severity
 from swarm_ctl.core.model.plan import Policies, Policy
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
-from swarm_ctl.report.folder.last_statuses import LastStatus
-from swarm_ctl.report.folder.run_folder import RunFolder
 from swarm_ctl.report.judge.verdict import judge
+from swarm_ctl.runfolder.last_statuses import LastStatus
+from swarm_ctl.runfolder.run_folder import RunFolder
 from tests.on_demand import on_demand
 from tests.scenarios.swarm import VirtualSwarm, at_step, landing_fast, low_hexagon, low_hexagon_text
 from tests.unit.plans import with_group

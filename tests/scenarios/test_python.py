@@ -24,9 +24,9 @@ from swarm_ctl.api.virtual_flight import VirtualFlight
 from swarm_ctl.cli.shared.options import runs_in
 from swarm_ctl.commands.parse import BY_NAME
 from swarm_ctl.core.model.steps.move import MoveStep
+from swarm_ctl.engine.flying_runs import flying_run
+from swarm_ctl.engine.station.ground_station import swarm_now
 from swarm_ctl.errors import InputError, StartError
-from swarm_ctl.runtime.flying_runs import flying_run
-from swarm_ctl.runtime.station.ground_station import swarm_now
 from tests.system.pair import BARE
 from tests.unit.docs.pages import PAGES
 

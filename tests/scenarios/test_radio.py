@@ -6,8 +6,8 @@ from pathlib import Path
 from statistics import median
 
 from swarm_ctl.core.model.timeouts import OWN_FIX_S
+from swarm_ctl.engine.radio.lateness import LATE_S
 from swarm_ctl.mission.compile.loader import load
-from swarm_ctl.runtime.radio.lateness import LATE_S
 from tests.scenarios.radio import RadioSwarm
 from tests.scenarios.swarm import flown_once, landing_fast
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.runtime.vehicle_memory import VehicleMemory
+from swarm_ctl.engine.vehicle_memory import VehicleMemory
 from tests.on_demand import on_demand
 from tests.scenarios.swarm import VirtualSwarm, landing_fast
 from tests.scenarios.test_restart import GONE_S, texts

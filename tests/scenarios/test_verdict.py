@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl.core.model.messages import Outcome
+from swarm_ctl.engine.launch.sim_config import simulator_config
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
-from swarm_ctl.report.folder.manifest import Manifest, write_manifest
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary
-from swarm_ctl.runtime.launch.sim_config import simulator_config
+from swarm_ctl.runfolder.manifest import Manifest, write_manifest
 from swarm_sim.config import SimConfig
 from swarm_sim.firmware.message import Message
 from swarm_sim.world.truth_file import TruthFile

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from swarm_ctl.engine.clock import Clock
+from swarm_ctl.engine.station.ground_station import Station
 from swarm_ctl.mesh.memory_transport import MemoryTransport
 from swarm_ctl.mesh.node import Node
-from swarm_ctl.runtime.clock import Clock
-from swarm_ctl.runtime.station.ground_station import Station
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import Journal
 from swarm_ctl.station.picture.playback import LOOK_S

@@ -21,12 +21,12 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.messages import AgentState, Command
+from swarm_ctl.engine.station.run_client import RunClient
 from swarm_ctl.errors import StartError
 from swarm_ctl.mavlink.wires import local_port
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.payloads import decode, encode
-from swarm_ctl.report.folder.manifest import Manifest
-from swarm_ctl.runtime.station.run_client import RunClient
+from swarm_ctl.runfolder.manifest import Manifest
 
 LOCALHOST: Final = "127.0.0.1"
 FORCE: Final = 21196

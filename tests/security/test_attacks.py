@@ -11,7 +11,7 @@ from typing import Final
 
 import pytest
 
-from swarm_ctl.report.folder.manifest import read_manifest
+from swarm_ctl.runfolder.manifest import read_manifest
 from swarm_ctl.trust import provision
 from tests.on_demand import on_demand
 from tests.security.attacks import ATTACKS, Spoofed, positions, under

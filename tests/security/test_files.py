@@ -20,6 +20,9 @@ from mcap.writer import MCAP0_MAGIC, RecordBuilder
 
 from swarm_ctl.core.model.messages import Event, Severity
 from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, VehicleIdentity
+from swarm_ctl.engine.flying_runs import make_folder
+from swarm_ctl.engine.station.printers import write
+from swarm_ctl.engine.vehicle_memory import VehicleMemory
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.mission.compile.plan_file import read_plan
@@ -29,17 +32,14 @@ from swarm_ctl.recording import IndexedRecording, recover
 from swarm_ctl.recording.mcap_reader import messages
 from swarm_ctl.recording.mcap_recorder import McapRecorder
 from swarm_ctl.recording.mcap_records import CHUNK_BYTES
-from swarm_ctl.report.folder.files import Damage, read_lines
-from swarm_ctl.report.folder.manifest import read_manifest
-from swarm_ctl.report.folder.truth import load_truth
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import write_summary
 from swarm_ctl.report.page.html_page import make_report
 from swarm_ctl.report.page.junit import junit
 from swarm_ctl.report.page.run_history import read_history
-from swarm_ctl.runtime.flying_runs import make_folder
-from swarm_ctl.runtime.station.printers import write
-from swarm_ctl.runtime.vehicle_memory import VehicleMemory
+from swarm_ctl.runfolder.files import Damage, read_lines
+from swarm_ctl.runfolder.manifest import read_manifest
+from swarm_ctl.runfolder.truth import load_truth
 from tests.unit.mission.example import TEXT, edited
 from tests.unit.report.run_folders import EXIT_CODES, write_run
 

@@ -24,11 +24,11 @@ from swarm_ctl.core.model.messages import (
     Command,
     RefusalReason,
 )
+from swarm_ctl.engine.launch.ports import free_ports
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
-from swarm_ctl.report.folder.manifest import Manifest, read_manifest
-from swarm_ctl.runtime.launch.ports import free_ports
+from swarm_ctl.runfolder.manifest import Manifest, read_manifest
 from tests.security.flooder import KINDS, SILENT, STATE
 from tests.system.pair import BARE
 from tests.system.running import ROOT, Running

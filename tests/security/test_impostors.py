@@ -20,13 +20,13 @@ from typing import Any, Final
 import pytest
 import zenoh
 
+from swarm_ctl.engine.launch.ports import free_ports
 from swarm_ctl.mesh.access import access_settings
 from swarm_ctl.mesh.keys import CHANNELS, COMMAND, STATE
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.payloads import encode
 from swarm_ctl.mesh.zenoh_config import configuration
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
-from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.trust.identity import load_identity
 from tests.unit.core.builders import state
 
@@ -287,7 +287,7 @@ from contextlib import closing
 from pathlib import Path
 from swarm_ctl.mesh.access import access_settings
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
-from swarm_ctl.runtime.refused_links import RefusedLinks, reading_log
+from swarm_ctl.engine.refused_links import RefusedLinks, reading_log
 from swarm_ctl.trust.identity import load_identity
 
 settings, links = access_settings(load_identity(Path(sys.argv[1])), "hexagon"), RefusedLinks()

@@ -18,12 +18,12 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.core.model.vehicle import StandbyGoal
+from swarm_ctl.engine.launch.ports import free_ports
 from swarm_ctl.mavlink.framer import Framer, MavlinkFrame
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.outgoing import ARM_DISARM, FORCE, command
 from swarm_ctl.mavlink.signing import UNITS_S, LinkSigning, SigningRefusal
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
-from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm, key_of
 from swarm_sim.network.clients import MAX_CLIENTS
 from tests.scenarios.swarm import flown_once

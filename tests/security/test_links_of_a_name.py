@@ -11,13 +11,13 @@ from typing import Final
 
 import pytest
 
+from swarm_ctl.engine.launch.ports import free_ports
 from swarm_ctl.mesh import zenoh_config
 from swarm_ctl.mesh.access import access_settings
 from swarm_ctl.mesh.keys import COMMAND
 from swarm_ctl.mesh.links import OF_A_NAME
 from swarm_ctl.mesh.zenoh_config import MeshPart
 from swarm_ctl.mesh.zenoh_transport import Router, ZenohTransport
-from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.trust import provision
 from swarm_ctl.trust.identity import load_identity
 from tests.security.test_impostors import SWARM, until

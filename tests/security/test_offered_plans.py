@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl.core.model.fleet import SigningPolicy
+from swarm_ctl.engine.fetched_plan import AgentPost, fetched_plan, kept_plan
+from swarm_ctl.engine.launch.ports import free_ports
 from swarm_ctl.mesh.access import access_settings
 from swarm_ctl.mesh.keys import plan_key
 from swarm_ctl.mesh.zenoh_config import MeshPart
@@ -19,8 +21,6 @@ from swarm_ctl.mesh.zenoh_transport import Router, ZenohTransport
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.mission.compile.offers import PlanName, pack
 from swarm_ctl.mission.compile.plan_file import named_by_hash
-from swarm_ctl.runtime.fetched_plan import AgentPost, fetched_plan, kept_plan
-from swarm_ctl.runtime.launch.ports import free_ports
 from swarm_ctl.trust import provision
 from swarm_ctl.trust.identity import load_identity
 from tests.system.running import HEXAGON

@@ -25,6 +25,7 @@ from swarm_ctl.core.model.messages import (
     RefusalReason,
 )
 from swarm_ctl.core.swarm.peers import Peers
+from swarm_ctl.engine.launch.ports import free_ports
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.keys import STATE
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
@@ -32,7 +33,6 @@ from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.payloads import encode
 from swarm_ctl.mesh.transport import Transport
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
-from swarm_ctl.runtime.launch.ports import free_ports
 from tests.unit.core.builders import plan
 
 TICK_S: Final = 0.05

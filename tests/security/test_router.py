@@ -16,15 +16,15 @@ from typing import Any, Final
 import pytest
 import zenoh
 
+from swarm_ctl.engine.launch.forked import HostRouter
+from swarm_ctl.engine.launch.ports import free_ports
+from swarm_ctl.engine.protection import router_identity, router_identity_folder
+from swarm_ctl.engine.router.router_process import RouterConfig
 from swarm_ctl.errors import TrustError
 from swarm_ctl.mesh.access import access_settings, as_tls
 from swarm_ctl.mesh.keys import CHANNELS, COMMAND, SIGHTING, STATE, alive_key
 from swarm_ctl.mesh.zenoh_config import MeshPart, configuration
 from swarm_ctl.mesh.zenoh_transport import Router, ZenohTransport
-from swarm_ctl.runtime.launch.forked import HostRouter
-from swarm_ctl.runtime.launch.ports import free_ports
-from swarm_ctl.runtime.protection import router_identity, router_identity_folder
-from swarm_ctl.runtime.router.router_process import RouterConfig
 from swarm_ctl.trust import provision
 from swarm_ctl.trust.identity import load_identity
 from tests.security.test_impostors import SWARM, VICTIM, until

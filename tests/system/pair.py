@@ -12,9 +12,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from swarm_ctl.engine.launch.ports import free_ports
+from swarm_ctl.engine.launch.sim_config import simulator_config
 from swarm_ctl.mission.compile.loader import LoadedMission, load
-from swarm_ctl.runtime.launch.ports import free_ports
-from swarm_ctl.runtime.launch.sim_config import simulator_config
 from tests.system.running import SWARM_CTL
 
 MISSION = """
@@ -98,8 +98,8 @@ def agent_in_waiting(
     """The same with its imports done, which begins when its stdin ends: a vehicle's own failsafe
     waits for a new agent for 5 s only."""
     code = (
-        "import sys, swarm_ctl.runtime.agent.agent_process, swarm_ctl.mission.compile.plan_file;"
-        "import swarm_ctl.runtime.fetched_plan;"
+        "import sys, swarm_ctl.engine.agent.agent_process, swarm_ctl.mission.compile.plan_file;"
+        "import swarm_ctl.engine.fetched_plan;"
         "from swarm_ctl.cli.app import app; sys.stdin.read(); app()"
     )
     options = ("--id", str(agent_id), "--epoch", str(epoch_s), "--speedup", str(speedup), *more)

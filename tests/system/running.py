@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from swarm_ctl.recording import IndexedRecording
-from swarm_ctl.report.folder.manifest import read_manifest
+from swarm_ctl.runfolder.manifest import read_manifest
 from swarm_ctl.station.picture.playback import Film
 
 ROOT = Path(__file__).parents[2]

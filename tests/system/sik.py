@@ -17,7 +17,7 @@ import tty
 from collections.abc import Iterator
 from pathlib import Path
 
-from swarm_ctl.runtime.launch.ports import free_ports
+from swarm_ctl.engine.launch.ports import free_ports
 from tests.scenarios.radio import Channel
 from tests.system.running import SWARM_CTL
 

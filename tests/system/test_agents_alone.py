@@ -21,7 +21,7 @@ from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.mission.compile.loader import LoadedMission, load
 from swarm_ctl.mission.compile.plan_file import named_by_hash, plan_to_json, read_plan
-from swarm_ctl.report.folder.truth import load_truth
+from swarm_ctl.runfolder.truth import load_truth
 from tests.system.pair import BARE, agent, agent_in_waiting, ended, pair_mission, simulator
 from tests.system.running import SWARM_CTL
 

@@ -14,9 +14,9 @@ import pytest
 
 from swarm_ctl.mission.compile.loader import LoadedMission, load
 from swarm_ctl.mission.compile.plan_file import plan_to_json
-from swarm_ctl.report.folder.last_statuses import STATUSES
-from swarm_ctl.report.folder.manifest import read_manifest, write_manifest
 from swarm_ctl.report.judge.summarise import summarise
+from swarm_ctl.runfolder.last_statuses import STATUSES
+from swarm_ctl.runfolder.manifest import read_manifest, write_manifest
 from tests.system.pair import agent, ended, pair_mission, simulator
 from tests.system.running import SWARM_CTL
 

@@ -22,7 +22,7 @@ from typing import Any
 import pytest
 import yaml
 
-from swarm_ctl.report.folder.truth import load_truth
+from swarm_ctl.runfolder.truth import load_truth
 from tests.system.running import ROOT, SWARM_CTL, Running
 
 pytestmark = pytest.mark.timeout(180)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from swarm_ctl.report.folder.manifest import read_manifest
+from swarm_ctl.runfolder.manifest import read_manifest
 from tests.system.running import HEXAGON, Running
 
 pytestmark = [pytest.mark.realtime, pytest.mark.timeout(60)]

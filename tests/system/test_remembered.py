@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 
 from swarm_ctl.core.model.messages import Phase
+from swarm_ctl.engine.vehicle_memory import VehicleMemory
 from swarm_ctl.mesh import keys
 from swarm_ctl.mission.compile.loader import LoadedMission
-from swarm_ctl.runtime.vehicle_memory import VehicleMemory
 from tests.system.pair import agent, ended, pair_mission, simulator
 from tests.system.running import SWARM_CTL
 from tests.system.test_agents_alone import listener_of

@@ -64,7 +64,7 @@ SHOWS = {
     "swarm_ctl.station.foxglove.desk": [("Desk.hear", 0.01, 50)],
     "swarm_ctl.recording.mcap_recorder": [("Recorder._record", 0.1, 50)],
     "swarm_ctl.recording.run_recorder": [("RunRecorder.take", 0.02, 100)],
-    "swarm_ctl.runtime.vehicle_memory": [
+    "swarm_ctl.engine.vehicle_memory": [
         ("SwarmMemory.hear", 0.2, 5),
         ("Remembering.serve", 0.2, 5),
     ],

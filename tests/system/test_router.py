@@ -13,13 +13,13 @@ from pathlib import Path
 
 import pytest
 
+from swarm_ctl.engine.launch.forked import HostRouter
+from swarm_ctl.engine.launch.ports import free_ports
+from swarm_ctl.engine.router.router_process import RouterConfig
 from swarm_ctl.mesh.keys import NEWEST
 from swarm_ctl.mesh.transport import Inlet
 from swarm_ctl.mesh.zenoh_config import MeshPart
 from swarm_ctl.mesh.zenoh_transport import Router, ZenohTransport
-from swarm_ctl.runtime.launch.forked import HostRouter
-from swarm_ctl.runtime.launch.ports import free_ports
-from swarm_ctl.runtime.router.router_process import RouterConfig
 from tests.system.running import Running
 from tests.system.test_run import assert_apart, assert_truth_ends_on_the_ground
 

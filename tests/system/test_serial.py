@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.runtime.launch.ports import free_ports
+from swarm_ctl.engine.launch.ports import free_ports
 from tests.system.pair import BARE
 from tests.system.running import SWARM_CTL, Running
 

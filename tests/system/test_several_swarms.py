@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from swarm_ctl.engine.station.run_client import RunClient
 from swarm_ctl.errors import InputError
-from swarm_ctl.runtime.station.run_client import RunClient
 from tests.system.conftest import Typed
 from tests.system.running import LOW, Running
 

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
+from swarm_ctl.engine.launch.ports import free_ports
 from swarm_ctl.mesh.keys import NEWEST
 from swarm_ctl.mesh.links import Sockets
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport, _tend_socket
-from swarm_ctl.runtime.launch.ports import free_ports
 
 
 def lingering(port: int) -> dict[tuple[int, int], bool]:

@@ -40,7 +40,7 @@ def loaded_by(module: str) -> set[str]:
 def test_agent_process_stays_small() -> None:
     """What an agent imports does not reach the screen, the mission reader or the simulator, seen at
     run time."""
-    loaded = loaded_by("swarm_ctl.runtime.agent.agent_process")
+    loaded = loaded_by("swarm_ctl.engine.agent.agent_process")
     assert "zenoh" in loaded
     assert not loaded & {
         "rich",

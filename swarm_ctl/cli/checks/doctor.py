@@ -19,8 +19,8 @@ from swarm_ctl.installed import require
 
 if TYPE_CHECKING:
     from swarm_ctl.core.model.fleet import Fleet
-    from swarm_ctl.runtime.doctor.examination import ParameterRow, VehicleReport
-    from swarm_ctl.runtime.link_keys import LinkKeys
+    from swarm_ctl.doctor.examination import ParameterRow, VehicleReport
+    from swarm_ctl.engine.link_keys import LinkKeys
 
 _TICK_S: Final = 0.05
 _FINE, _ATTENTION, _NOT_REACHED = 0, 1, 3
@@ -83,9 +83,9 @@ def _machine(*, as_json: bool) -> int:
 def _vehicles(fleet: Path, identity: Path | None, *, is_open: bool) -> tuple[Fleet, LinkKeys]:
     """The vehicles to ask, with an identity the vehicle of its agent alone, and their keys."""
     require("ground", "doctor --fleet")
+    from swarm_ctl.doctor.fleet import vehicles_of
+    from swarm_ctl.engine.link_keys import LinkKeys
     from swarm_ctl.mission.fleet.exposure import exposed_links, refuse_exposed
-    from swarm_ctl.runtime.doctor.fleet import vehicles_of
-    from swarm_ctl.runtime.link_keys import LinkKeys
     from swarm_ctl.trust.identity import load_identity
 
     vehicles = vehicles_of(fleet)
@@ -109,10 +109,10 @@ def _vehicles(fleet: Path, identity: Path | None, *, is_open: bool) -> tuple[Fle
 def _fleet(
     vehicles: Fleet, keys: LinkKeys, within_s: float, *, restore: bool, as_json: bool
 ) -> int:
-    from swarm_ctl.runtime.clock import Clock
-    from swarm_ctl.runtime.doctor.examination import examine
-    from swarm_ctl.runtime.ticker import Ticker
-    from swarm_ctl.runtime.vehicle_memory import VehicleMemory, state_folder
+    from swarm_ctl.doctor.examination import examine
+    from swarm_ctl.engine.clock import Clock
+    from swarm_ctl.engine.ticker import Ticker
+    from swarm_ctl.engine.vehicle_memory import VehicleMemory, state_folder
 
     memory, ticker = VehicleMemory(state_folder()), Ticker(Clock.starting_now(), _TICK_S)
     reports = examine(

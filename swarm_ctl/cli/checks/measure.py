@@ -99,11 +99,11 @@ def measure(
     """
     from swarm_ctl.core.identification.step_flight import StepFlight
     from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
+    from swarm_ctl.engine.clock import Clock
+    from swarm_ctl.engine.interrupts import Interrupts
+    from swarm_ctl.engine.launch.measure import Task, fly, task_of, write_response
+    from swarm_ctl.engine.ticker import Ticker
     from swarm_ctl.mission.fleet.exposure import exposed_links, refuse_exposed
-    from swarm_ctl.runtime.clock import Clock
-    from swarm_ctl.runtime.interrupts import Interrupts
-    from swarm_ctl.runtime.launch.measure import Task, fly, task_of, write_response
-    from swarm_ctl.runtime.ticker import Ticker
 
     console = PlainConsole()
     if vehicles is not None:

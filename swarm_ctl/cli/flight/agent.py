@@ -28,8 +28,8 @@ from swarm_ctl.errors import InputError, TrustError
 from swarm_ctl.installed import require
 
 if TYPE_CHECKING:
+    from swarm_ctl.engine.fetched_plan import AgentPost
     from swarm_ctl.mission.compile.offers import PlanName
-    from swarm_ctl.runtime.fetched_plan import AgentPost
 
 _PEER: Final = (
     "Where another agent listens; repeat it. Of two agents, one has to name the other."
@@ -104,15 +104,15 @@ def agent(
         swarm-ctl agent missions/hexagon.yaml --fleet outdoors.yaml --id 3
         swarm-ctl agent hexagon@3fa9c1d2e4f6 --id 3 --mesh tcp/10.0.0.13:7447
     """
+    from swarm_ctl.engine.agent.agent_process import AgentConfig, run_agent
+    from swarm_ctl.engine.agent.narration import show_on_terminal
+    from swarm_ctl.engine.clock import Clock, unix_s
+    from swarm_ctl.engine.forked import leave
+    from swarm_ctl.engine.lifeline import SignalLifeline
+    from swarm_ctl.engine.protection import agent_identity_folder
+    from swarm_ctl.engine.vehicle_memory import state_folder
     from swarm_ctl.mission.compile.offers import plan_name
     from swarm_ctl.mission.fleet.exposure import exposures, refuse_exposed
-    from swarm_ctl.runtime.agent.agent_process import AgentConfig, run_agent
-    from swarm_ctl.runtime.agent.narration import show_on_terminal
-    from swarm_ctl.runtime.clock import Clock, unix_s
-    from swarm_ctl.runtime.forked import leave
-    from swarm_ctl.runtime.lifeline import SignalLifeline
-    from swarm_ctl.runtime.protection import agent_identity_folder
-    from swarm_ctl.runtime.vehicle_memory import state_folder
 
     given = _Places(endpoint, mesh, peer, router)
     wanted = None if file.exists() else plan_name(str(file))
@@ -165,7 +165,7 @@ def agent(
 def _explain(keys: Path, peers: Sequence[str]) -> None:
     """Say why a peer that is there already refuses this agent, which goes on trying: in the air it
     must not wait for the answer."""
-    from swarm_ctl.runtime.protection import explained
+    from swarm_ctl.engine.protection import explained
     from swarm_ctl.trust.identity import load_identity
 
     with contextlib.suppress(TrustError):  # `run_agent` says it
@@ -175,7 +175,7 @@ def _explain(keys: Path, peers: Sequence[str]) -> None:
 
 
 def _clock_of(run: Path) -> str:
-    from swarm_ctl.report.folder.manifest import read_manifest
+    from swarm_ctl.runfolder.manifest import read_manifest
 
     found = read_manifest(run).lockstep
     if found is None:
@@ -203,9 +203,9 @@ def plan_and_fleet(file: Path, fleet: Path | None) -> tuple[Plan, Fleet]:
 
 def _fetched(wanted: PlanName, known: _Known, patience_s: float) -> tuple[Plan, Fleet]:
     """Of a station, or of this computer."""
-    from swarm_ctl.runtime.fetched_plan import fetched_plan, kept_plan
-    from swarm_ctl.runtime.protection import own_identity
-    from swarm_ctl.runtime.vehicle_memory import state_folder
+    from swarm_ctl.engine.fetched_plan import fetched_plan, kept_plan
+    from swarm_ctl.engine.protection import own_identity
+    from swarm_ctl.engine.vehicle_memory import state_folder
 
     if known.fleet is not None:
         raise InputError(
@@ -224,8 +224,8 @@ def _fetched(wanted: PlanName, known: _Known, patience_s: float) -> tuple[Plan, 
 
 def _post(wanted: PlanName, known: _Known) -> AgentPost:
     """Where the agent fetches its plan; InputError where it has no place, or others reach it."""
+    from swarm_ctl.engine.fetched_plan import AgentPost
     from swarm_ctl.mission.fleet.exposure import leaves_loopback, refuse_exposed
-    from swarm_ctl.runtime.fetched_plan import AgentPost
 
     given = known.given
     post = AgentPost((given.mesh,) if given.mesh else (), tuple(given.peers or ()), given.router)

@@ -19,7 +19,7 @@ from swarm_ctl.core.model.fleet import Fleet, FleetAgent, SigningPolicy
 from swarm_ctl.errors import InputError
 
 if TYPE_CHECKING:
-    from swarm_ctl.runtime.radio.load import RadioLoad, VehicleLoad
+    from swarm_ctl.engine.radio.load import RadioLoad, VehicleLoad
 
 _RADIO: Final = "Which radio: an endpoint that agents of the fleet share.  [default: the only one]"
 _BYTES: Final = (
@@ -69,9 +69,9 @@ def link(
         swarm-ctl link triangle.yaml --fleet outdoors.yaml --bytes-per-s 4000
         swarm-ctl link plan.json --radio serial:/dev/ttyUSB0:57600 --json
     """
+    from swarm_ctl.engine.lifeline import SignalLifeline
+    from swarm_ctl.engine.radio.link_process import LinkConfig, run_link, told
     from swarm_ctl.mission.fleet.exposure import exposed_links, refuse_exposed
-    from swarm_ctl.runtime.lifeline import SignalLifeline
-    from swarm_ctl.runtime.radio.link_process import LinkConfig, run_link, told
     from swarm_ctl.signals import ENDED_CODE
 
     _, entries = plan_and_fleet(file, fleet)

@@ -54,11 +54,11 @@ def router(
         swarm-ctl router plan.json --listen tcp/192.168.1.11:7447
         swarm-ctl router hexagon --listen tcp/10.0.0.12:7447
     """
+    from swarm_ctl.engine.lifeline import ALIVE, READY, SignalLifeline
+    from swarm_ctl.engine.protection import router_identity_folder
+    from swarm_ctl.engine.router.router_process import RouterConfig, run_router
     from swarm_ctl.mesh.access import as_tls
     from swarm_ctl.mission.fleet.exposure import leaves_loopback, refuse_exposed
-    from swarm_ctl.runtime.lifeline import ALIVE, READY, SignalLifeline
-    from swarm_ctl.runtime.protection import router_identity_folder
-    from swarm_ctl.runtime.router.router_process import RouterConfig, run_router
     from swarm_ctl.signals import ENDED_CODE
 
     swarm, trust, at, others = _told(file, fleet, listen, connect or [])

@@ -35,10 +35,10 @@ from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.errors import InputError
 
 if TYPE_CHECKING:
+    from swarm_ctl.engine.interrupts import Interrupts
+    from swarm_ctl.engine.script import RunScript
     from swarm_ctl.mission.compile.loader import LoadedMission
     from swarm_ctl.report.judge.summary import Summary
-    from swarm_ctl.runtime.interrupts import Interrupts
-    from swarm_ctl.runtime.script import RunScript
 
 _ARDUCOPTER: Final = (
     "The ArduCopter SITL binary, or container:IMAGE for one in a container of podman or docker."
@@ -126,13 +126,13 @@ def run(
         swarm-ctl run missions/hexagon.yaml --foxglove 8765
         swarm-ctl run scenario.yaml --headless
     """
+    from swarm_ctl.engine.launch.run_setup import Lockstep, RunOptions
+    from swarm_ctl.engine.launch.supervisor import fly
+    from swarm_ctl.engine.protection import Keys
+    from swarm_ctl.engine.station.screens import Show, shown
     from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
     from swarm_ctl.mission.compile.loader import load
     from swarm_ctl.mission.fleet.fleet_file import file_of
-    from swarm_ctl.runtime.launch.run_setup import Lockstep, RunOptions
-    from swarm_ctl.runtime.launch.supervisor import fly
-    from swarm_ctl.runtime.protection import Keys
-    from swarm_ctl.runtime.station.screens import Show, shown
     from swarm_ctl.virtual.scenario_file import is_scenario
 
     factor = _factor(speedup)
@@ -237,8 +237,8 @@ def _rates(words: str) -> dict[str, float]:
 
 
 def _write_junit(path: Path, summary: Summary, console: PlainConsole) -> None:
-    from swarm_ctl.report.folder.files import write_whole
     from swarm_ctl.report.page.junit import junit
+    from swarm_ctl.runfolder.files import write_whole
 
     try:
         write_whole(path, junit(summary))

@@ -115,9 +115,9 @@ def send(
     """
     from swarm_ctl.commands.answers import answers as answered
     from swarm_ctl.commands.parse import parse
-    from swarm_ctl.report.folder.manifest import read_manifest
-    from swarm_ctl.runtime.flying_runs import flying_run
-    from swarm_ctl.runtime.station.run_client import RunClient
+    from swarm_ctl.engine.flying_runs import flying_run
+    from swarm_ctl.engine.station.run_client import RunClient
+    from swarm_ctl.runfolder.manifest import read_manifest
     from swarm_ctl.station.picture.summaries import command_words
 
     for name, given in {"--by": by, "--speed": speed is not None}.items():

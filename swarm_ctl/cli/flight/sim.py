@@ -74,10 +74,10 @@ def sim(
         swarm-ctl sim --mission missions/hexagon.yaml --parameter SIM_WIND_SPD=4
         mavproxy.py --master udpout:127.0.0.1:14601
     """
+    from swarm_ctl.engine.clock import Clock
+    from swarm_ctl.engine.launch.sim_alone import serve
+    from swarm_ctl.engine.launch.sim_config import grid_config
     from swarm_ctl.mission.fleet.exposure import listens_wide
-    from swarm_ctl.runtime.clock import Clock
-    from swarm_ctl.runtime.launch.sim_alone import serve
-    from swarm_ctl.runtime.launch.sim_config import grid_config
 
     if fleet is not None and mission is None:
         raise InputError(f"--fleet {fleet} without a mission; allowed: with --mission FILE")
@@ -136,9 +136,9 @@ def _from_mission(path: Path, fleet: Path | None) -> dict[str, Any]:
     """Settings for all vehicles of a mission, those with an endpoint of their own too; with their
     keys where the fleet wants frames signed."""
     require("ground", "a mission file")
+    from swarm_ctl.engine.launch.sim_config import simulator_config
+    from swarm_ctl.engine.protection import agent_identity_folder
     from swarm_ctl.mission.compile.loader import load
-    from swarm_ctl.runtime.launch.sim_config import simulator_config
-    from swarm_ctl.runtime.protection import agent_identity_folder
     from swarm_ctl.trust.identity import MAVLINK_KEY
 
     loaded = load(path, fleet=fleet)

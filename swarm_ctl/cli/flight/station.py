@@ -24,12 +24,12 @@ from swarm_ctl.cli.shared.options import (
     zenoh_settings,
 )
 from swarm_ctl.cli.shared.result import exit_code, show_summary
+from swarm_ctl.engine.served import ServedPorts
 from swarm_ctl.errors import InputError
-from swarm_ctl.runtime.served import ServedPorts
 
 if TYPE_CHECKING:
-    from swarm_ctl.runtime.station.join import SwarmMesh
-    from swarm_ctl.runtime.station.screens import Show
+    from swarm_ctl.engine.station.join import SwarmMesh
+    from swarm_ctl.engine.station.screens import Show
 
 _RUN: Final = "A run folder, or the mission of a run that flies.  [default: the one that flies]"
 _RUNS: Final = (
@@ -91,11 +91,11 @@ def station(
         swarm-ctl station --mission plan.json --mesh tcp/10.0.0.11:7447
         swarm-ctl station --mission square.yaml --fleet outdoors.yaml --runs runs
     """
-    from swarm_ctl.report.folder.manifest import read_manifest
-    from swarm_ctl.runtime.flying_runs import flying_run
-    from swarm_ctl.runtime.protection import Keys
-    from swarm_ctl.runtime.station.join import SwarmMesh, join_run, join_swarm
-    from swarm_ctl.runtime.station.screens import shown
+    from swarm_ctl.engine.flying_runs import flying_run
+    from swarm_ctl.engine.protection import Keys
+    from swarm_ctl.engine.station.join import SwarmMesh, join_run, join_swarm
+    from swarm_ctl.engine.station.screens import shown
+    from swarm_ctl.runfolder.manifest import read_manifest
 
     show = shown(headless=headless, json=json)
     ports = served(metrics, foxglove)
@@ -130,10 +130,10 @@ def station(
 
 def _judge(swarm: SwarmMesh, runs: Path, truth: Path | None, show: Show, ports: ServedPorts) -> int:
     """Fly the swarm from here; the exit code."""
-    from swarm_ctl.runtime.interrupts import Interrupts
-    from swarm_ctl.runtime.lifeline import sign_of_life
-    from swarm_ctl.runtime.station.judged_flight import judge_swarm
-    from swarm_ctl.runtime.station.screens import Show
+    from swarm_ctl.engine.interrupts import Interrupts
+    from swarm_ctl.engine.lifeline import sign_of_life
+    from swarm_ctl.engine.station.judged_flight import judge_swarm
+    from swarm_ctl.engine.station.screens import Show
     from swarm_ctl.signals import ENDED_CODE
 
     console = PlainConsole(stderr=show is Show.JSON)

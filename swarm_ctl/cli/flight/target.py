@@ -27,8 +27,8 @@ from swarm_ctl.errors import InputError
 
 if TYPE_CHECKING:
     from swarm_ctl.core.model.plan import Plan
+    from swarm_ctl.engine.target.teller import Told
     from swarm_ctl.mesh.node import Node
-    from swarm_ctl.runtime.target.teller import Told
 
 _FROM: Final = (
     "nmea:ENDPOINT, gpsd:HOST:PORT, mavlink:ENDPOINT, or a .csv or .gpx file, which is played."
@@ -99,8 +99,8 @@ def target(
         swarm-ctl target boat --from yesterday.gpx --faster 2
         swarm-ctl target boat --from track.csv --mission lake.yaml
     """
-    from swarm_ctl.runtime.interrupts import Interrupts
-    from swarm_ctl.runtime.target.teller import open_source, tell
+    from swarm_ctl.engine.interrupts import Interrupts
+    from swarm_ctl.engine.target.teller import open_source, tell
 
     address = _address(icao)
     with ExitStack() as opened:
@@ -149,12 +149,12 @@ def _in_run(
     zenoh_config: Path | None,
 ) -> tuple[Node, Callable[[], bool]]:
     """On the mesh of a run of this machine; and whether that is over."""
+    from swarm_ctl.engine.flying_runs import ended, flying_run
+    from swarm_ctl.engine.protection import operator_identity
+    from swarm_ctl.engine.station.ground_station import open_node
+    from swarm_ctl.engine.station.mesh_clock import MeshClock
     from swarm_ctl.mesh.zenoh_config import part_in
-    from swarm_ctl.report.folder.manifest import read_manifest
-    from swarm_ctl.runtime.flying_runs import ended, flying_run
-    from swarm_ctl.runtime.protection import operator_identity
-    from swarm_ctl.runtime.station.ground_station import open_node
-    from swarm_ctl.runtime.station.mesh_clock import MeshClock
+    from swarm_ctl.runfolder.manifest import read_manifest
 
     folder = flying_run(run)
     manifest = read_manifest(folder)
@@ -187,10 +187,10 @@ def _in_swarm(
     keys: tuple[Path | None, bool, Path | None],
 ) -> tuple[Node, Callable[[], bool]]:
     """On the mesh of a swarm of other hosts, which does not say when it is over."""
+    from swarm_ctl.engine.protection import Keys, operator_identity
+    from swarm_ctl.engine.station.ground_station import open_node
+    from swarm_ctl.engine.station.join import SwarmMesh
     from swarm_ctl.mesh.zenoh_config import part_in
-    from swarm_ctl.runtime.protection import Keys, operator_identity
-    from swarm_ctl.runtime.station.ground_station import open_node
-    from swarm_ctl.runtime.station.join import SwarmMesh
 
     identity, open_mesh, zenoh_config = keys
     plan, entries = plan_and_fleet(mission, fleet)

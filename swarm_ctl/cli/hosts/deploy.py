@@ -16,8 +16,8 @@ from swarm_ctl.cli.shared.options import FleetFile, OpenMesh, option, switch
 
 if TYPE_CHECKING:
     from swarm_ctl.core.model.fleet import Fleet
-    from swarm_ctl.runtime.deploy.bundle import Bundle
-    from swarm_ctl.runtime.deploy.rollout import Hosts, HostState
+    from swarm_ctl.deploy.bundle import Bundle
+    from swarm_ctl.deploy.rollout import Hosts, HostState
 
 _WAIT: Final = "How long to wait for hosts that are offline."
 _RESTART: Final = "Agents that run are landed first, on all hosts; then all start."
@@ -56,11 +56,11 @@ def deploy(
         swarm-ctl deploy square.yaml --fleet outdoors.yaml --restart
         swarm-ctl deploy plan.json --bundles /media/stick
     """
+    from swarm_ctl.deploy.bundle import bundles_of
+    from swarm_ctl.deploy.rollout import Hosts, parted
+    from swarm_ctl.deploy.ssh import Ssh
     from swarm_ctl.mission.compile.plan_file import named_by_hash
     from swarm_ctl.mission.fleet.exposure import exposures, refuse_exposed
-    from swarm_ctl.runtime.deploy.bundle import bundles_of
-    from swarm_ctl.runtime.deploy.rollout import Hosts, parted
-    from swarm_ctl.runtime.deploy.ssh import Ssh
 
     console = PlainConsole()
     plan, entries = plan_and_fleet(file, fleet)

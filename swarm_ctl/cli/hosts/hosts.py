@@ -25,7 +25,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.installed import require
 
 if TYPE_CHECKING:
-    from swarm_ctl.runtime.deploy.rollout import Hosts
+    from swarm_ctl.deploy.rollout import Hosts
 
 FleetArgument = Annotated[
     Path,
@@ -101,8 +101,8 @@ def collect(
         swarm-ctl hosts collect outdoors.yaml
         swarm-ctl hosts collect outdoors.yaml --all --out flights
     """
-    from swarm_ctl.runtime.deploy.logs import unpack_logs
-    from swarm_ctl.runtime.deploy.ssh import Reach
+    from swarm_ctl.deploy.logs import unpack_logs
+    from swarm_ctl.deploy.ssh import Reach
 
     console, there, whole = PlainConsole(), _hosts(fleet, ssh_config), True
     out.mkdir(parents=True, exist_ok=True)
@@ -134,22 +134,22 @@ def _whole_hash(plan: Path, fleet: Path) -> str:
     beside = None
     if not (is_plan_file(plan) or is_plan_file(fleet)):
         require("ground", f"{plan} is a mission file, which")
-        from swarm_ctl.runtime.doctor.fleet import is_mission
+        from swarm_ctl.doctor.fleet import is_mission
 
         beside = None if is_mission(fleet) else fleet
     return named_by_hash(*plan_and_fleet(plan, beside)).rpartition("@")[2]
 
 
 def _hosts(fleet: Path, ssh_config: Path | None) -> Hosts:
+    from swarm_ctl.deploy.rollout import Hosts
+    from swarm_ctl.deploy.ssh import Ssh
     from swarm_ctl.mission.compile.plan_file import is_plan_file, read_plan
-    from swarm_ctl.runtime.deploy.rollout import Hosts
-    from swarm_ctl.runtime.deploy.ssh import Ssh
 
     if is_plan_file(fleet):
         names = dict.fromkeys(agent.host for agent in read_plan(fleet).fleet if agent.host)
     else:
         require("ground", f"{fleet} is a fleet file, which")
-        from swarm_ctl.runtime.doctor.fleet import vehicles_of
+        from swarm_ctl.doctor.fleet import vehicles_of
 
         names = dict.fromkeys(vehicles_of(fleet).hosts())
     if not names:

@@ -11,7 +11,7 @@ import typer
 from swarm_ctl.cli.shared.options import option, switch
 
 if TYPE_CHECKING:
-    from swarm_ctl.runtime.deploy.host import Host
+    from swarm_ctl.deploy.host import Host
 
 WITHIN: Final = 300.0
 """To land and end, by default [s]."""
@@ -29,7 +29,7 @@ def install(
     \b
         swarm-ctl on-host install drone3.tar
     """
-    from swarm_ctl.runtime.deploy.bundle import MOST_BYTES, read_bundle, unpacked
+    from swarm_ctl.deploy.bundle import MOST_BYTES, read_bundle, unpacked
 
     host = _host()
     from_stdin = str(bundle) == "-"
@@ -97,7 +97,7 @@ def logs(
 
 
 def _host() -> Host:
-    from swarm_ctl.runtime.deploy.host import Host
+    from swarm_ctl.deploy.host import Host
 
     return Host()
 

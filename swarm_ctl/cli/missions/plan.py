@@ -28,7 +28,7 @@ def plan(
     """
     from swarm_ctl.mission.compile.loader import load
     from swarm_ctl.mission.compile.plan_file import named_by_hash, plan_to_json
-    from swarm_ctl.report.folder.files import write_whole
+    from swarm_ctl.runfolder.files import write_whole
 
     console = PlainConsole()
     loaded = load(mission, fleet=fleet)

@@ -54,7 +54,7 @@ def write(
     from swarm_ctl.mission.compile.loader import load
     from swarm_ctl.mission.input.zone_files import KINDS
     from swarm_ctl.mission.input.zone_writing import areas_of, lost_in, written
-    from swarm_ctl.report.folder.files import write_whole
+    from swarm_ctl.runfolder.files import write_whole
 
     kind = out.suffix.lower()
     if kind not in KINDS:
@@ -124,8 +124,8 @@ def show(fleet: Annotated[Path, option("FILE", "A fleet file, or a mission.")]) 
 def _with_each(fleet: Path, items: Sequence[FenceItem] | None) -> None:
     """Each vehicle of a fleet in turn."""
     from swarm_ctl.cli.shared.trust_folder import fleet_of
-    from swarm_ctl.runtime.link_keys import LinkKeys
-    from swarm_ctl.runtime.vehicle_fence import transferred
+    from swarm_ctl.engine.link_keys import LinkKeys
+    from swarm_ctl.engine.vehicle_fence import transferred
 
     found, console, troubled = fleet_of(fleet), PlainConsole(), False
     absent = [str(entry.id) for entry in found.agents if entry.endpoint is None]

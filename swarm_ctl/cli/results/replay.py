@@ -42,8 +42,8 @@ def replay(
         swarm-ctl replay --from 1:20
         swarm-ctl replay --json --speed 50 | jq .verdict
     """
-    from swarm_ctl.runtime.station.replay import replay as play
-    from swarm_ctl.runtime.station.screens import shown
+    from swarm_ctl.engine.station.replay import replay as play
+    from swarm_ctl.engine.station.screens import shown
 
     console = PlainConsole(stderr=True)
     show = shown(headless=headless, json=json)

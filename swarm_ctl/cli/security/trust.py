@@ -214,7 +214,7 @@ def check(
         swarm-ctl trust check --fleet outdoors.yaml
         swarm-ctl trust check trust/outdoors --json | jq '.attention'
     """
-    from swarm_ctl.runtime.clock import date_and_time
+    from swarm_ctl.engine.clock import date_and_time
     from swarm_ctl.trust import check as checks
 
     names = names_of(fleet_of(fleet)) if fleet else None

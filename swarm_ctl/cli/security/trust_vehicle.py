@@ -49,7 +49,7 @@ def vehicle(
         swarm-ctl trust vehicle --id 3 --fleet outdoors.yaml
         swarm-ctl trust vehicle --id 3 --endpoint serial:/dev/ttyACM0 --clear
     """
-    from swarm_ctl.runtime.vehicle_key import refuse_network, set_up
+    from swarm_ctl.engine.vehicle_key import refuse_network, set_up
 
     entries = fleet_of(fleet).agents if fleet else ()
     entry = next((each for each in entries if each.id == agent), None)

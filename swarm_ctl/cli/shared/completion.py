@@ -53,8 +53,8 @@ def _words(given: Sequence[str] | str | None) -> Sequence[str]:
 
 def _plan(ctx: typer.Context) -> Iterator[Plan]:
     """The plan of the run that is meant; none where there is no such run."""
-    from swarm_ctl.report.folder.manifest import read_manifest
-    from swarm_ctl.runtime.flying_runs import flying_run
+    from swarm_ctl.engine.flying_runs import flying_run
+    from swarm_ctl.runfolder.manifest import read_manifest
 
     try:
         yield read_manifest(flying_run(ctx.params.get("run"))).plan

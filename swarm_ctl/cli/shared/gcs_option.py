@@ -6,8 +6,8 @@ import re
 from collections.abc import Sequence
 from typing import Final
 
+from swarm_ctl.engine.vehicles.instances import GCS_PORT
 from swarm_ctl.errors import InputError
-from swarm_ctl.runtime.vehicles.instances import GCS_PORT
 
 _ADDRESS: Final = re.compile(r"(?:(?P<host>[^:\s-][^:\s]*):)?(?P<port>\d+)")
 

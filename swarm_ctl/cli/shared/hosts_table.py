@@ -12,8 +12,8 @@ from rich.text import Text
 from swarm_ctl.cli.shared.console import PlainConsole
 
 if TYPE_CHECKING:
-    from swarm_ctl.runtime.deploy.report import HostReport
-    from swarm_ctl.runtime.deploy.rollout import HostState
+    from swarm_ctl.deploy.report import HostReport
+    from swarm_ctl.deploy.rollout import HostState
 
 FINE, ATTENTION, NOT_REACHED = 0, 1, 3
 _STYLES: Final = {"running": "green", "failed": "bold red", "ended": "", "stopped": "yellow"}

@@ -13,11 +13,11 @@ from typing import Final
 
 from swarm_ctl.cli.shared.surroundings import surroundings
 from swarm_ctl.core.model.fleet import VehicleKind
+from swarm_ctl.engine.vehicle_memory import VehicleMemory, state_folder
+from swarm_ctl.engine.vehicles.binaries import find
+from swarm_ctl.engine.vehicles.containers import ENGINES
 from swarm_ctl.errors import StartError
 from swarm_ctl.installed import packages
-from swarm_ctl.runtime.vehicle_memory import VehicleMemory, state_folder
-from swarm_ctl.runtime.vehicles.binaries import find
-from swarm_ctl.runtime.vehicles.containers import ENGINES
 
 LEAST_PYTHON: Final = (3, 11)
 _EXTRAS: Final = ("ground", "study", "foxglove", "notebook", "serial", "trust")

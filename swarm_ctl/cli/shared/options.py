@@ -9,11 +9,11 @@ from typing import Annotated, Any
 import typer
 
 from swarm_ctl.core.model.fleet import plain_endpoint
+from swarm_ctl.engine.served import ServedPorts
 from swarm_ctl.errors import InputError
 from swarm_ctl.files import read_bytes
 from swarm_ctl.installed import require
 from swarm_ctl.mission.ready import named
-from swarm_ctl.runtime.served import ServedPorts
 
 
 def option(metavar: str, text: str, *names: str, **more: Any) -> Any:

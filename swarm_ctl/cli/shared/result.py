@@ -11,8 +11,8 @@ from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.core.model.messages import Outcome
 
 if TYPE_CHECKING:
+    from swarm_ctl.engine.interrupts import Interrupts
     from swarm_ctl.report.judge.summary import Summary
-    from swarm_ctl.runtime.interrupts import Interrupts
 
 _POLL_WALL_S: Final = 0.02
 
@@ -25,8 +25,8 @@ def show_summary(
     interrupts: Interrupts,
 ) -> None:
     """Print the summary, and make the report; None: no report. A further Ctrl-C makes none."""
+    from swarm_ctl.engine.clock import pause
     from swarm_ctl.report.page.summary_table import brief
-    from swarm_ctl.runtime.clock import pause
     from swarm_ctl.signals import deaf_children
 
     console.print(brief(summary))

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from swarm_ctl.cli.shared.system import GROUND_ALONE, lacks, lacks_for_lockstep
-from swarm_ctl.runtime.vehicles.instances import GCS_PORT
+from swarm_ctl.engine.vehicles.instances import GCS_PORT
 
 AGENTS_A_CORE: Final = 16
 """In real time, simulator and station included: docs/pages/figures.md, "How a run grows"."""

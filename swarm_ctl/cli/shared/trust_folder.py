@@ -28,7 +28,7 @@ RESTART: Final = (
 def fleet_of(path: Path) -> Fleet:
     """The fleet of a fleet file or a mission."""
     require("ground", "trust with --fleet")
-    from swarm_ctl.runtime.doctor.fleet import fleet_in
+    from swarm_ctl.doctor.fleet import fleet_in
 
     return fleet_in(path)
 
@@ -72,7 +72,7 @@ def host_of(member: KeyHolder, fleet: Path | None) -> str:
 
 def terms(days: int, requests: Sequence[Path] | None = None) -> Terms:
     """What new certificates have in common."""
-    from swarm_ctl.runtime.clock import date_and_time
+    from swarm_ctl.engine.clock import date_and_time
     from swarm_ctl.trust.provision import Terms, request_of
 
     return Terms(date_and_time(), days, dict(map(request_of, requests or ())))

@@ -103,7 +103,7 @@ def _fly(
         TimeRemainingColumn,
     )
 
-    from swarm_ctl.runtime.clock import wall_s
+    from swarm_ctl.engine.clock import wall_s
 
     until_s = wall_s() + limit_s if limit_s is not None else float("inf")
     columns = (TextColumn("flights"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())

@@ -62,7 +62,7 @@ def check(name: Name) -> None:
         swarm-ctl law check mean && swarm-ctl run mean.yaml
     """
     require("study", "swarm-ctl law check")
-    from swarm_ctl.runtime.clock import wall_s
+    from swarm_ctl.engine.clock import wall_s
     from swarm_ctl.study.law_check import checked
 
     console, table, failed, count = PlainConsole(), Table("check", "", "found"), 0, 0

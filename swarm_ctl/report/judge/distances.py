@@ -9,9 +9,9 @@ from typing import Final
 
 import numpy as np
 
-from swarm_ctl.report.folder.flight import TrackSource
-from swarm_ctl.report.folder.metrics import Approach, approaches, zone_distance
-from swarm_ctl.report.folder.run_folder import RunFolder, ZoneSpell
+from swarm_ctl.runfolder.flight import TrackSource
+from swarm_ctl.runfolder.metrics import Approach, approaches, zone_distance
+from swarm_ctl.runfolder.run_folder import RunFolder, ZoneSpell
 
 _STRAIGHT_M: Final = 0.05
 """The simulator knows its vehicles' ways between two lines of truth, which are not straight: at

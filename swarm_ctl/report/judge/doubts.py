@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from swarm_ctl.core.model.text import agents_named
-from swarm_ctl.report.folder.run_folder import RunFolder
 from swarm_ctl.report.judge.distances import PairDistance
+from swarm_ctl.runfolder.run_folder import RunFolder
 
 _LEVEL_M: Final = 3.0
 """A barometer drifts by less than this in a flight; more is a slope, or a wrong height."""

@@ -15,10 +15,10 @@ from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.core.model.plan import Plan, Point
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.vehicle import FALLS_MPS, MISPLACED_M
-from swarm_ctl.report.folder.flight import Flight, TrackSource
-from swarm_ctl.report.folder.run_folder import RunFolder
-from swarm_ctl.report.folder.truth import Bools, EventKind, Truth, TruthEvent
 from swarm_ctl.report.judge.distances import PairDistance, ZoneDistance
+from swarm_ctl.runfolder.flight import Flight, TrackSource
+from swarm_ctl.runfolder.run_folder import RunFolder
+from swarm_ctl.runfolder.truth import Bools, EventKind, Truth, TruthEvent
 
 HARD_MPS: Final = 3.0
 """A touch-down that breaks a vehicle; autopilots land with 0.5 to 1 m/s."""

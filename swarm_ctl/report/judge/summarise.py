@@ -14,12 +14,6 @@ from swarm_ctl.core.law.graph import edges
 from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.fleet import SigningPolicy
 from swarm_ctl.core.model.messages import AgentStatus, Event, Outcome, StepResult, TickReport
-from swarm_ctl.report.folder import metrics
-from swarm_ctl.report.folder.flight import TrackSource
-from swarm_ctl.report.folder.last_statuses import read_events, read_troubles
-from swarm_ctl.report.folder.manifest import Manifest
-from swarm_ctl.report.folder.run_folder import FlownGroup, RunFolder, read_run
-from swarm_ctl.report.folder.truth import Truth
 from swarm_ctl.report.judge.distances import (
     PairDistance,
     ZoneDistance,
@@ -44,6 +38,12 @@ from swarm_ctl.report.judge.summary import (
 from swarm_ctl.report.judge.unseen import slow_machine
 from swarm_ctl.report.judge.verdict import Ending, judge
 from swarm_ctl.rim import Rim
+from swarm_ctl.runfolder import metrics
+from swarm_ctl.runfolder.flight import TrackSource
+from swarm_ctl.runfolder.last_statuses import read_events, read_troubles
+from swarm_ctl.runfolder.manifest import Manifest
+from swarm_ctl.runfolder.run_folder import FlownGroup, RunFolder, read_run
+from swarm_ctl.runfolder.truth import Truth
 from swarm_ctl.station.picture.protection import MeshKind
 from swarm_ctl.trust.names import member_of
 

@@ -10,9 +10,9 @@ from pydantic import BaseModel, ConfigDict
 
 from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.messages import CommandKind, Outcome, TickReport
-from swarm_ctl.report.folder.files import read_model, write_model
-from swarm_ctl.report.folder.flight import TrackSource
 from swarm_ctl.report.judge.findings import FindingKind
+from swarm_ctl.runfolder.files import read_model, write_model
+from swarm_ctl.runfolder.flight import TrackSource
 from swarm_ctl.station.picture.protection import MeshKind
 
 SUMMARY: Final = "summary.json"

@@ -12,11 +12,11 @@ from swarm_ctl.core.model.messages import AgentStatus, Outcome, StepOutcome
 from swarm_ctl.core.model.plan import EVERYONE, Plan
 from swarm_ctl.core.model.route import Routes
 from swarm_ctl.core.model.text import agents_named
-from swarm_ctl.report.folder.files import first_few
-from swarm_ctl.report.folder.last_statuses import LastStatus
-from swarm_ctl.report.folder.run_folder import RunFolder
 from swarm_ctl.report.judge.summary import RunOutcome
 from swarm_ctl.report.judge.unseen import bad_links, slow_machine
+from swarm_ctl.runfolder.files import first_few
+from swarm_ctl.runfolder.last_statuses import LastStatus
+from swarm_ctl.runfolder.run_folder import RunFolder
 
 _ORDERLY: Final = frozenset({0, 1, 130})
 """Exit codes of processes that ended by themselves: done, failed, aborted."""

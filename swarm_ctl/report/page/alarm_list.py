@@ -7,8 +7,8 @@ from pathlib import Path
 
 from swarm_ctl.core.model.messages import Payload, Severity
 from swarm_ctl.errors import InputError
-from swarm_ctl.report.folder.last_statuses import read_events
-from swarm_ctl.report.folder.manifest import Manifest
+from swarm_ctl.runfolder.last_statuses import read_events
+from swarm_ctl.runfolder.manifest import Manifest
 from swarm_ctl.station.picture.alarms import LEVEL_OF, Level
 from swarm_ctl.station.picture.journal import EntryKind, JournalLine
 from swarm_ctl.station.picture.playback import Film

@@ -16,7 +16,6 @@ from rich.text import Text
 
 from swarm_ctl.core.model.text import agents_named, printable
 from swarm_ctl.errors import InputError
-from swarm_ctl.report.folder.files import write_whole
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary, read_summary
 from swarm_ctl.report.page.alarm_list import log_entries
@@ -26,6 +25,7 @@ from swarm_ctl.report.page.player import player, script_hash, style
 from swarm_ctl.report.page.run_history import RunHistory, read_history
 from swarm_ctl.report.page.summary_table import figures_of, render_summary
 from swarm_ctl.rim import Rim
+from swarm_ctl.runfolder.files import write_whole
 from swarm_ctl.station.picture.journal import JournalLine
 
 P = ParamSpec("P")

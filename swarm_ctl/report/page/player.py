@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from swarm_ctl.core.model.plan import EVERYONE
 from swarm_ctl.core.model.text import printable
-from swarm_ctl.report.folder.flight import Flight
-from swarm_ctl.report.folder.truth import Floats
 from swarm_ctl.report.page.drawing import COLOURS
 from swarm_ctl.report.page.run_history import RunHistory, least
+from swarm_ctl.runfolder.flight import Flight
+from swarm_ctl.runfolder.truth import Floats
 from swarm_ctl.station.picture.journal import JournalLine
 
 OFF_M: Final = 0.05

@@ -21,10 +21,10 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.recording import RECORDING, read, recover
 from swarm_ctl.recording.mcap_reader import is_whole
 from swarm_ctl.recording.mcap_records import RecordingDamage
-from swarm_ctl.report.folder.flight import Flight, no_flight
-from swarm_ctl.report.folder.manifest import Manifest
-from swarm_ctl.report.folder.run_folder import RunFolder, read_run
-from swarm_ctl.report.folder.truth import Floats
+from swarm_ctl.runfolder.flight import Flight, no_flight
+from swarm_ctl.runfolder.manifest import Manifest
+from swarm_ctl.runfolder.run_folder import RunFolder, read_run
+from swarm_ctl.runfolder.truth import Floats
 
 
 @dataclass(slots=True)

@@ -13,7 +13,6 @@ from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.core.model.plan import EVERYONE
 from swarm_ctl.core.model.text import agents_named, printable, ranges
 from swarm_ctl.core.swarm.hearing import mesh_words
-from swarm_ctl.report.folder.flight import TrackSource
 from swarm_ctl.report.judge.summary import (
     AgentPair,
     SafetySummary,
@@ -21,6 +20,7 @@ from swarm_ctl.report.judge.summary import (
     StepVerdict,
     Summary,
 )
+from swarm_ctl.runfolder.flight import TrackSource
 from swarm_ctl.station.picture.protection import Protection, protection_words
 
 _STYLE: Final = {

@@ -9,7 +9,7 @@ import pytest
 from swarm_ctl.cli.shared.options import recorded_run
 from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.errors import InputError
-from swarm_ctl.report.folder.manifest import write_manifest
+from swarm_ctl.runfolder.manifest import write_manifest
 from tests.unit.cli.test_main import called
 from tests.unit.plans import groups_mission
 from tests.unit.report.run_folders import manifest

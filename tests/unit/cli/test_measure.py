@@ -17,8 +17,8 @@ from swarm_ctl.cli.checks.measure import described, measure
 from swarm_ctl.core.identification.fit import fit
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.plan import Response
+from swarm_ctl.engine.launch.ports import free_ports
 from swarm_ctl.errors import InputError
-from swarm_ctl.runtime.launch.ports import free_ports
 from tests.unit.core.identification.test_fit import flown
 from tests.unit.mission.example import TEXT
 

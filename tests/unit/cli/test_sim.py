@@ -14,9 +14,9 @@ import pytest
 from pymavlink.dialects.v20 import common
 
 from swarm_ctl.cli.flight.sim import _from_mission, _origin, _parameter
+from swarm_ctl.engine.launch.ports import free_ports
+from swarm_ctl.engine.launch.sim_config import grid
 from swarm_ctl.errors import InputError
-from swarm_ctl.runtime.launch.ports import free_ports
-from swarm_ctl.runtime.launch.sim_config import grid
 from tests.unit.cli.test_main import called
 
 HEXAGON = Path(__file__).parents[3] / "missions" / "hexagon.yaml"

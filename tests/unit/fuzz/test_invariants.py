@@ -21,7 +21,7 @@ from swarm_ctl.core.model.route import Routes
 from swarm_ctl.fuzz.invariants import Invariant, broken
 from swarm_ctl.fuzz.seen import Seen
 from swarm_ctl.mission.input import yaml_file
-from swarm_ctl.report.folder.truth import TruthEvent
+from swarm_ctl.runfolder.truth import TruthEvent
 from swarm_ctl.virtual.scenario import scenario_of
 from swarm_ctl.virtual.scenario_flight import FlownScenario, fly_scenario
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from swarm_ctl.engine.vehicle_key import refuse_network
 from swarm_ctl.errors import InputError, TrustError
 from swarm_ctl.mavlink.framer import Framer
 from swarm_ctl.mavlink.signing import SAVE_EVERY
 from swarm_ctl.mavlink.stamp import kept_signing, read_key, stamp_at
-from swarm_ctl.runtime.vehicle_key import refuse_network
 from tests.unit.mavlink import wire
 from tests.unit.mavlink.test_signing import KEY, vehicle_codec
 

@@ -16,6 +16,7 @@ import pytest
 
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, SigningPolicy
 from swarm_ctl.core.model.plan import Plan, Response
+from swarm_ctl.engine.fetched_plan import await_offer
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh.keys import plan_key
 from swarm_ctl.mission.compile.loader import load
@@ -29,7 +30,6 @@ from swarm_ctl.mission.compile.offers import (
     unpack,
 )
 from swarm_ctl.mission.compile.plan_file import named_by_hash, plan_to_json
-from swarm_ctl.runtime.fetched_plan import await_offer
 
 ROOT = Path(__file__).parents[3]
 LOADED = load(ROOT / "missions" / "square.yaml")

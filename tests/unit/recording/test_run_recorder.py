@@ -12,7 +12,7 @@ from swarm_ctl.recording import read
 from swarm_ctl.recording.mcap_recorder import McapRecorder
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.recording.topics import Derived
-from swarm_ctl.report.folder.last_statuses import read_troubles
+from swarm_ctl.runfolder.last_statuses import read_troubles
 from tests.unit.station.swarm import hexagon_plan, status_of
 
 FULL = Path("/dev/full")

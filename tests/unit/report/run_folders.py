@@ -27,7 +27,7 @@ from swarm_ctl.core.model.messages import (
     StepResult,
 )
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.report.folder.manifest import Manifest, write_manifest
+from swarm_ctl.runfolder.manifest import Manifest, write_manifest
 from tests.unit.station.swarm import HEXAGON, hexagon_plan, status_of
 
 PLAN: Final = hexagon_plan()

@@ -30,7 +30,7 @@ from swarm_ctl.core.model.messages import (
 from swarm_ctl.core.model.targets import TargetPlan
 from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.swarm.gain_update import LEAD_S
-from swarm_ctl.runtime.station.ground_station import swarm_now
+from swarm_ctl.engine.station.ground_station import swarm_now
 from swarm_ctl.station.dashboard.bars import answers_line, title_line
 from swarm_ctl.station.dashboard.drawing.canvas import Canvas
 from swarm_ctl.station.dashboard.drawing.picture import Chosen, NewZone, Picture

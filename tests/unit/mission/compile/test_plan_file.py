@@ -28,7 +28,7 @@ from swarm_ctl.mission.compile.plan_file import (
     plan_to_json,
     read_plan,
 )
-from swarm_ctl.report.folder.manifest import Manifest
+from swarm_ctl.runfolder.manifest import Manifest
 from tests.unit.mission.example import edited
 from tests.unit.plans import steps_of, with_group
 from tests.unit.report.run_folders import PLAN, manifest

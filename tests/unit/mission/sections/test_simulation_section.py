@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from swarm_ctl.engine.launch.sim_config import simulator_config
 from swarm_ctl.mission.compile.loader import dumps, load, loads
 from swarm_ctl.mission.sections.simulation_section import NEUTRAL
-from swarm_ctl.runtime.launch.sim_config import simulator_config
 from swarm_sim.config import SimConfig
 from swarm_sim.firmware.parameters.fault_parameters import SIM_DEFAULTS
 from tests.unit.mission.example import TEXT, problems

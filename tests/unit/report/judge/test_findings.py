@@ -20,10 +20,10 @@ from swarm_ctl.core.model.vehicle import OVER_M
 from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.recording.mcap_recorder import McapRecorder
 from swarm_ctl.recording.run_recorder import RunRecorder
-from swarm_ctl.report.folder.flight import TrackSource
-from swarm_ctl.report.folder.manifest import write_manifest
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary
+from swarm_ctl.runfolder.flight import TrackSource
+from swarm_ctl.runfolder.manifest import write_manifest
 from swarm_sim.world import pair_distances
 from tests.unit.plans import steps_of, with_group
 from tests.unit.report.run_folders import (

@@ -15,9 +15,6 @@ from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.core.model.messages import AgentStatus, Departure, Outcome, StepOutcome, StepResult
 from swarm_ctl.core.model.route import Routes
-from swarm_ctl.report.folder.flight import no_flight
-from swarm_ctl.report.folder.last_statuses import LastStatus
-from swarm_ctl.report.folder.run_folder import RunFolder
 from swarm_ctl.report.judge.findings import Finding, FindingKind, headlines, step_at
 from swarm_ctl.report.judge.summarise import summary_of
 from swarm_ctl.report.judge.summary import StepSummary, StepVerdict, Summary
@@ -27,6 +24,9 @@ from swarm_ctl.report.page.mission_plot import _draw_steps
 from swarm_ctl.report.page.player import _steps
 from swarm_ctl.report.page.run_history import HeardMessages, RunHistory
 from swarm_ctl.report.page.summary_table import brief, left_words, render_summary
+from swarm_ctl.runfolder.flight import no_flight
+from swarm_ctl.runfolder.last_statuses import LastStatus
+from swarm_ctl.runfolder.run_folder import RunFolder
 from tests.unit.plans import REST, SCOUTS, SWEEPERS, groups_mission
 from tests.unit.report.run_folders import manifest
 from tests.unit.station.swarm import status_of

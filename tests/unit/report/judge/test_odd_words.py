@@ -18,8 +18,8 @@ from swarm_ctl.errors import PayloadError
 from swarm_ctl.mesh.payloads import decode, encode
 from swarm_ctl.recording.mcap_recorder import McapRecorder
 from swarm_ctl.recording.run_recorder import RunRecorder
-from swarm_ctl.report.folder.manifest import write_manifest
 from swarm_ctl.report.judge.summarise import summarise
+from swarm_ctl.runfolder.manifest import write_manifest
 from tests.odd_words import odd_changes
 from tests.unit.report import run_folders
 from tests.unit.station.swarm import state_of, status_of

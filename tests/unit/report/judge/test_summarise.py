@@ -26,12 +26,12 @@ from swarm_ctl.core.model.messages import (
     TickReport,
 )
 from swarm_ctl.errors import InputError
-from swarm_ctl.report.folder.manifest import write_manifest
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary, read_summary, write_summary
 from swarm_ctl.report.judge.verdict import Ending
 from swarm_ctl.report.page.run_history import read_history
 from swarm_ctl.report.page.summary_table import verdict_line
+from swarm_ctl.runfolder.manifest import write_manifest
 from tests.unit.report.run_folders import (
     END,
     EXIT_CODES,

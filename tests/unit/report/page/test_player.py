@@ -20,10 +20,10 @@ from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.core.model.messages import TargetWord
 from swarm_ctl.core.model.plan import Zone
 from swarm_ctl.core.model.steps.follow import FollowStep
-from swarm_ctl.report.folder.run_folder import ZoneSpell
 from swarm_ctl.report.page.html_page import make_comparison, make_report
 from swarm_ctl.report.page.player import OFF_M, player
 from swarm_ctl.report.page.run_history import RunHistory, read_history
+from swarm_ctl.runfolder.run_folder import ZoneSpell
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import EntryKind, JournalLine
 from tests.unit.report.run_folders import FORM, HOLD, draw_nothing, position, write_run

@@ -9,10 +9,10 @@ import pytest
 from rich.console import Console
 
 from swarm_ctl.core.model.messages import Outcome
-from swarm_ctl.report.folder.flight import TrackSource
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import ProtectionSummary, StepVerdict, Summary
 from swarm_ctl.report.page.summary_table import brief, render_summary, verdict_line
+from swarm_ctl.runfolder.flight import TrackSource
 from swarm_ctl.station.picture.protection import MeshKind
 from tests.unit.report.run_folders import EXIT_CODES, account, write_run, write_status
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Ack, Command, CommandKind, Event
-from swarm_ctl.runtime.station.ground_station import swarm_now
+from swarm_ctl.engine.station.ground_station import swarm_now
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import Journal, JournalLine
 from swarm_ctl.station.picture.model import Model

@@ -1,0 +1,243 @@
+"""The processes that `run` starts by a command line, each behind the same few methods.
+
+Each holds a pipe to its child, the lifeline. Letting go closes it: the child takes that as its
+parent's end and winds down by itself (an agent lands, the simulator waits until all vehicles stand,
+the station writes the summary). So nothing outlives a killed run.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import os
+import select
+import subprocess
+import sys
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from swarm_ctl.engine.clock import pause, wall_s
+from swarm_ctl.engine.served import NO_PORTS, ServedPorts
+from swarm_ctl.engine.vehicles.autopilots import remove_leftovers
+from swarm_ctl.engine.vehicles.order import STARTED, STARTED_JSON, Started
+from swarm_ctl.errors import StartError
+from swarm_ctl.signals import deaf_children
+
+_LOG_LINES: Final = 5
+_POLL_WALL_S: Final = 0.02
+_ASKED_WALL_S: Final = 5.0
+"""For autopilots to end when they are asked to."""
+_POLL_READY_WALL_S: Final = 0.01
+
+
+class Child(ABC):
+    """One process that `run` answers for; `log` has its last words."""
+
+    pid: int
+
+    def __init__(self, name: str, log: Path | None) -> None:
+        self.name = name
+        self._title = name
+        self._log = log
+        self.ready = False
+        """It has said that it works."""
+
+    def poll_ready(self) -> bool:
+        """True once it has said that it works; StartError when it has said why not, or died."""
+        if not self.ready:
+            self.ready = self._says_ready()
+        if not self.ready and self.exit_code() is not None:
+            raise StartError(
+                f"{self._title} did not start, exit code {self.exit_code()}{_tail(self._log)}"
+            )
+        return self.ready
+
+    @abstractmethod
+    def _says_ready(self) -> bool:
+        """It has said so since the last call."""
+
+    @abstractmethod
+    def exit_code(self) -> int | None:
+        """None while it runs; negative: the signal that ended it."""
+
+    @abstractmethod
+    def let_go(self) -> None:
+        """Close its lifeline."""
+
+    @abstractmethod
+    def kill(self) -> None:
+        """End it at once (SIGKILL) and take its exit code; nothing happens if it has ended."""
+
+
+class CommandChild(Child):
+    """A process started by its command line. Its stdin is the lifeline and takes JSON lines."""
+
+    def __init__(
+        self, name: str, command: list[str], log: Path, *, own_terminal: bool = False
+    ) -> None:
+        super().__init__(name, log)
+        self._title = f"the {name}"
+        self._heard = b""
+        self._words, write = os.pipe()
+        # The simulator speaks on its stdout; the station's stdout is the terminal, so it speaks on
+        # a descriptor of its own.
+        with log.open("ab") as errors, deaf_children():
+            self._process = subprocess.Popen(
+                [*command, "--words-fd", str(write)] if own_terminal else command,
+                stdin=subprocess.PIPE,
+                stdout=None if own_terminal else write,
+                stderr=errors,
+                pass_fds=(write,) if own_terminal else (),
+            )
+        os.close(write)
+        self.pid = self._process.pid
+
+    def _says_ready(self) -> bool:
+        """Its first whole line says so."""
+        if select.select([self._words], [], [], 0)[0]:
+            self._heard += os.read(self._words, 65536)
+        return b"\n" in self._heard
+
+    def exit_code(self) -> int | None:
+        return self._process.poll()
+
+    def say(self, **message: object) -> bool:
+        """Send one JSON line; False where the process does not listen any more."""
+        pipe = self._process.stdin
+        try:
+            if pipe is None or pipe.closed:
+                return False
+            pipe.write(json.dumps(message).encode() + b"\n")
+            pipe.flush()
+        except OSError:
+            return False
+        return True
+
+    def let_go(self) -> None:
+        if self._process.stdin is not None:
+            with contextlib.suppress(BrokenPipeError):  # it has gone already
+                self._process.stdin.close()
+
+    def kill(self) -> None:
+        if self._process.poll() is None:
+            self._process.kill()
+        self._process.wait()
+        self.let_go()
+        if self._words >= 0:
+            os.close(self._words)
+            self._words = -1
+
+
+class VehiclesChild(CommandChild):
+    """The process that starts autopilots. It is asked to end before it is killed, so that it can
+    remove what they leave outside the run's folder."""
+
+    def __init__(self, folder: Path, log: Path) -> None:
+        module = "swarm_ctl.engine.vehicles.vehicles_process"
+        super().__init__("vehicles", [sys.executable, "-m", module, str(folder)], log)
+        self._started = folder / STARTED
+
+    def started(self) -> tuple[Started, ...]:
+        """The autopilots; none before they are started."""
+        if not self._started.exists():
+            return ()
+        return STARTED_JSON.validate_json(self._started.read_bytes())
+
+    def kill(self) -> None:
+        if self._process.poll() is None:
+            self._process.terminate()
+            wait_all([self], _ASKED_WALL_S)
+        super().kill()
+        for each in self.started():
+            remove_leftovers(each.kind, each.instance)
+
+
+class TellingChild(CommandChild):
+    """A process that has notes for the operator; `end` is what its own end means."""
+
+    def __init__(self, name: str, command: list[str], log: Path, end: str) -> None:
+        super().__init__(name, command, log)
+        self._end = end
+        self._end_told = False
+
+    def notes(self) -> list[str]:
+        """What it has said for the operator since the last call; its end, too."""
+        while select.select([self._words], [], [], 0)[0]:
+            data = os.read(self._words, 65536)
+            self._heard += data
+            if not data:
+                break
+        *lines, self._heard = self._heard.split(b"\n")
+        notes = []
+        for line in lines:
+            with contextlib.suppress(ValueError, AttributeError, RecursionError):
+                notes += [str(note)] if (note := json.loads(line).get("note")) else []
+        if self.exit_code() is not None and not self._end_told:
+            self._end_told = True
+            notes.append(f"{self._end}: see {self.name}.log")
+        return notes
+
+
+def relay(config: Path, log: Path) -> TellingChild:
+    """The process that serves ground control software."""
+    command = [sys.executable, "-m", "swarm_ctl.engine.gcs.gcs_process", str(config)]
+    return TellingChild("gcs", command, log, "ground control software is not served any more")
+
+
+def keeper(address: str, rules: Mapping[str, Any], log: Path) -> TellingChild:
+    """The keeper of mission time of a run in lockstep (`lockstep.keeper.Rules`)."""
+    module = "swarm_ctl.engine.lockstep.keeper_process"
+    command = [sys.executable, "-m", module, address, json.dumps(rules)]
+    return TellingChild("clock", command, log, "lockstep has ended, on by the wall clock")
+
+
+def simulator(config: Path, log: Path) -> TellingChild:
+    """The simulator, by its command line."""
+    command = [sys.executable, "-m", "swarm_sim", "--config", str(config)]
+    return TellingChild("simulator", command, log, "the simulated vehicles are gone")
+
+
+def station(folder: Path, log: Path, show: str, ports: ServedPorts = NO_PORTS) -> CommandChild:
+    """The ground station of a run; it has the terminal."""
+    module = "swarm_ctl.engine.station.station_process"
+    command = [sys.executable, "-m", module, "--run", str(folder), "--show", show]
+    for name, port in dataclasses.asdict(ports).items():
+        command += [] if port is None else [f"--{name}", str(port)]
+    return CommandChild("station", command, log, own_terminal=True)
+
+
+def wait_ready(
+    children: Sequence[Child], wall_seconds: float, stop: Callable[[], bool] = lambda: False
+) -> list[Child]:
+    """Wait until all are ready, until no other one has become so for so long, or until `stop`; the
+    others.
+
+    A slow machine starts a hundred processes one after the other.
+    """
+    until, waiting = wall_s() + wall_seconds, list(children)
+    while wall_s() < until and not stop():
+        before, waiting = len(waiting), [child for child in waiting if not child.poll_ready()]
+        if not waiting:
+            break
+        if len(waiting) < before:
+            until = wall_s() + wall_seconds
+        pause(_POLL_READY_WALL_S)
+    return waiting
+
+
+def wait_all(children: Sequence[Child], wall_seconds: float) -> None:
+    """Wait until all have ended, at most so long."""
+    until = wall_s() + wall_seconds
+    while wall_s() < until and any(child.exit_code() is None for child in children):
+        pause(_POLL_WALL_S)
+
+
+def _tail(log: Path | None) -> str:
+    """The last lines of a log, for an error message."""
+    if log is None or not log.exists():
+        return ""
+    lines = log.read_text(errors="replace").strip().splitlines()[-_LOG_LINES:]
+    return ":\n  " + "\n  ".join(lines) if lines else ""

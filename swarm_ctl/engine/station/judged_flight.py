@@ -1,0 +1,279 @@
+"""The ground station of a flight whose agents were started elsewhere (containers, the drones' own
+computers): it makes the run's folder, records, ends with the agents, and judges."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import signal
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+from pydantic import TypeAdapter
+
+from swarm_ctl.commands.parse import Order
+from swarm_ctl.core.model.messages import AgentState, AgentStatus, Outcome, Payload, StepResult
+from swarm_ctl.engine import clock as wall
+from swarm_ctl.engine.flying_runs import make_folder
+from swarm_ctl.engine.interrupts import Interrupts
+from swarm_ctl.engine.served import ServedPorts
+from swarm_ctl.engine.station.ground_station import Station
+from swarm_ctl.engine.station.join import SwarmMesh, open_swarm
+from swarm_ctl.engine.station.mesh_clock import MeshClock
+from swarm_ctl.engine.station.recorders import foxglove_on, run_mcap
+from swarm_ctl.engine.station.screens import Screen, Show, present
+from swarm_ctl.engine.station.station_loop import give, loop, metrics_on
+from swarm_ctl.engine.station.taken_truth import take_truth
+from swarm_ctl.errors import InputError, StartError
+from swarm_ctl.files import replacing
+from swarm_ctl.recording.mcap_recorder import McapRecorder, Sink
+from swarm_ctl.recording.run_recorder import RunRecorder
+from swarm_ctl.report.judge.summarise import summarise
+from swarm_ctl.report.judge.summary import Summary, write_summary
+from swarm_ctl.report.judge.verdict import Ending
+from swarm_ctl.rim import Rim, Trouble
+from swarm_ctl.runfolder.last_statuses import FINAL
+from swarm_ctl.runfolder.manifest import Manifest, package_versions, write_manifest
+from swarm_ctl.station.picture.protection import MeshKind
+from swarm_ctl.station.picture.view import AgentView, SwarmView
+
+_SETTLES_WALL_S: Final = 10.0
+"""From the first agent that is heard, at most: agents that are started together are heard by then,
+and none takes off before all are."""
+_SILENT_S: Final = 60.0
+"""Mission time after which a silent agent does not keep the station waiting any more: longer than a
+link that comes back is gone, and than a landing without one takes."""
+_STATUS: Final = TypeAdapter(AgentStatus)
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedRun:
+    """How the flight ended. `interrupts`: how often Ctrl-C was pressed."""
+
+    folder: Path
+    summary: Summary
+    interrupts: int
+
+
+def judge_swarm(
+    swarm: SwarmMesh,
+    runs: Path,
+    show: Show,
+    ports: ServedPorts,
+    alive: Callable[[], None],
+    interrupts: Interrupts,
+    truth: Path | None = None,
+) -> JudgedRun | None:
+    """Watch, command and record the swarm until its agents have ended; Ctrl-C lands it. None where
+    Ctrl-C came before an agent was heard.
+
+    Args:
+        swarm: its mission, and where it is on the mesh.
+        runs: where the run's folder is made.
+        show: the kind of screen.
+        ports: on which it serves others' tools.
+        alive: called each turn.
+        interrupts: entered; counts Ctrl-C.
+        truth: what a simulator on this computer writes of the vehicles.
+    """
+    with ExitStack() as opened:
+        station = opened.enter_context(open_swarm(swarm))
+        measure = opened.enter_context(metrics_on(ports.metrics))
+        live = opened.enter_context(foxglove_on(ports.foxglove, station.plan))
+        flight = _Flight(swarm, runs, interrupts, alive, live, truth)
+        opened.callback(flight.close)
+        present(
+            show,
+            station.plan,
+            lambda: os.kill(os.getpid(), signal.SIGINT),
+            lambda screen: loop(station, screen, flight, measure),
+        )
+    if flight.unrecorded:
+        raise StartError(f"{runs}: the flight was not recorded, so not judged: {flight.unrecorded}")
+    if flight.folder is None:
+        return None
+    # A second Ctrl-C ends this station, and not the agents, which land as they are told.
+    ending = Ending(interrupts.first, interrupts.again) if interrupts.count else None
+    summary = summarise(flight.folder, None, ending)
+    with contextlib.suppress(OSError):  # a full disk: it is shown all the same
+        write_summary(flight.folder, summary)
+    return JudgedRun(flight.folder, summary, interrupts.count)
+
+
+class _Flight:
+    """What such a station obeys: it ends with the agents, or with the second Ctrl-C. Its record
+    begins when the agents are heard: the mission's clock is that of the one which is ahead."""
+
+    def __init__(
+        self,
+        swarm: SwarmMesh,
+        runs: Path,
+        interrupts: Interrupts,
+        alive: Callable[[], None],
+        live: Sequence[Sink],
+        truth: Path | None = None,
+    ) -> None:
+        self._swarm = swarm
+        self._source = truth
+        self._runs = runs
+        self._interrupts = interrupts
+        self._alive = alive
+        self._live = live
+        self._asked = False
+        self._heard_wall_s = math.inf
+        self._recorder: Accounts | None = None
+        self._life = Rim("the sign of life")
+        self._begin = Rim("the record of the run", most=1)
+        self._manifest: Manifest | None = None
+        self.folder: Path | None = None
+        self.unrecorded = ""
+        """Why the run has no record; '' while it has, or no agent was heard."""
+
+    def obey(self, station: Station, screen: Screen) -> bool:
+        self._life.run(self._alive)
+        if text := station.shows.run(self._swarm.hint):
+            screen.note(text)
+        view = station.seen()
+        heard = self._swarm.clock.heard
+        if self.folder is None and heard and (self._settled(view) or self._interrupts.count):
+            self._begin.run(self._record, station, screen)
+        for trouble in (*self._life.troubles(), *self._begin.troubles()):
+            self.unrecorded = trouble.why if trouble.part == self._begin.part else self.unrecorded
+            screen.note(str(trouble))
+        if self._interrupts.count and not self._asked:
+            self._asked = True
+            words = "landing the swarm; Ctrl-C again ends this station, and not the agents"
+            screen.note(f"{self._interrupts.first}: {words}")
+            give(Order("land"), station, screen)
+        if self._interrupts.again or (self._asked and self.folder is None) or screen.left:
+            return True
+        if view is None:
+            return False
+        told = [a for a in view.agents if a.in_plan and a.status is not None]
+        return bool(told) and all(map(_has_ended, told))
+
+    def _settled(self, view: SwarmView | None) -> bool:
+        """All agents are heard, or some for `_SETTLES_WALL_S`: the mesh's clock follows the agent
+        whose own is ahead of all, and what is recorded before that one is heard is of another
+        clock."""
+        if math.isinf(self._heard_wall_s):
+            self._heard_wall_s = wall.wall_s()
+        all_heard = view is not None and all(a.status is not None for a in view.agents if a.in_plan)
+        return all_heard or wall.wall_s() - self._heard_wall_s > _SETTLES_WALL_S
+
+    def _record(self, station: Station, screen: Screen) -> None:
+        folder = make_folder(self._runs, self._swarm.plan.name)
+        manifest = _manifest(self._swarm, self._swarm.clock)
+        write_manifest(folder, manifest)
+        self._manifest = manifest
+        mcap = run_mcap(folder, manifest, station.name, self._live)
+        self._recorder, self.folder = Accounts(folder, mcap, self._swarm.clock), folder
+        station.record(self._recorder)
+        screen.note(f"run folder {folder}")
+
+    def close(self) -> None:
+        """Write what the agents told at their end, and close the record."""
+        if self._recorder is not None:
+            with closing(self._recorder) as recorder:
+                self._begin.run(recorder.write_accounts)
+                self._begin.run(self._take_truth, recorder)
+
+    def _take_truth(self, recorder: RunRecorder) -> None:
+        """Without it the run is judged by estimates, and a warning of the summary says why."""
+        now_s = self._swarm.clock.now()
+        if self._source is None or self.folder is None or self._manifest is None:
+            return
+        # The clock may have gone over to an agent's that was heard later and is ahead of it.
+        epoch_s = wall.wall_s() - now_s / self._swarm.clock.speedup
+        manifest = self._manifest.model_copy(update={"epoch_s": epoch_s})
+        try:
+            take_truth(self._source, self.folder, manifest, now_s)
+        except InputError as error:
+            recorder.note(Trouble("the simulator's truth", str(error), off=False), now_s)
+        except OSError as error:
+            why = f"{self._source}: {error.strerror}"
+            recorder.note(Trouble("the simulator's truth", why, off=False), now_s)
+
+
+def _has_ended(agent: AgentView) -> bool:
+    status = agent.status
+    if status is None or status.outcome is not Outcome.RUNNING:
+        return True
+    return agent.silence_s is not None and agent.silence_s > _SILENT_S
+
+
+def _manifest(swarm: SwarmMesh, clock: MeshClock) -> Manifest:
+    plan, fleet, now_s = swarm.plan, swarm.fleet, clock.now()
+    trust, identity = fleet.trust, swarm.identity
+    return Manifest(
+        mission=str(swarm.source),
+        swarm=plan.name,
+        started_at=wall.date_and_time(now_s / clock.speedup),
+        speedup=clock.speedup,
+        epoch_s=wall.wall_s() - now_s / clock.speedup,
+        headless=True,
+        plan=plan,
+        plan_hash=plan.fingerprint(),
+        fleet=fleet.agents,
+        simulated=(),
+        elsewhere=True,
+        trust=None if trust is None else str(Path(trust).absolute()),
+        signing=fleet.signing,
+        identity=None if identity is None else str(identity.folder.absolute()),
+        open_mesh=swarm.protection.mesh is MeshKind.OPEN,
+        versions=package_versions(),
+    )
+
+
+class Accounts(RunRecorder):
+    """Records, and keeps each agent's last status, by the station's clock: an agent that ended has
+    told it for seconds, and has no file in this station's folder."""
+
+    def __init__(self, folder: Path, mcap: McapRecorder, clock: MeshClock) -> None:
+        super().__init__(folder, mcap)
+        self._folder, self._clock = folder / FINAL, clock
+        self._last: dict[int, AgentStatus] = {}
+        self._behind_s: dict[int, float] = {}
+        """The station's steady clock less the agent's, by its fastest message."""
+
+    def take(self, payload: Payload, received_s: float) -> None:
+        """Record a message, and note whose clock it tells."""
+        super().take(payload, received_s)
+        if isinstance(payload, AgentState | AgentStatus):
+            behind_s = self._clock.steady_s - payload.time_s
+            known_s = self._behind_s.get(payload.agent, math.inf)
+            self._behind_s[payload.agent] = min(known_s, behind_s)
+        if isinstance(payload, AgentStatus):
+            self._last[payload.agent] = payload
+
+    def write_accounts(self) -> None:
+        """Write the last word of each agent that has ended; the others have no account."""
+        self._folder.mkdir(exist_ok=True)
+        ahead_s = self._clock.now() - self._clock.steady_s
+        for agent, status in self._last.items():
+            if status.outcome is not Outcome.RUNNING:
+                later = shifted(status, self._behind_s[agent] + ahead_s)
+                with replacing(self._folder / f"{agent}.json") as file:
+                    file.write(_STATUS.dump_json(later, indent=1))
+
+
+def shifted(status: AgentStatus, by_s: float) -> AgentStatus:
+    """The status with all times of its flight so much later."""
+
+    def moved(step: StepResult) -> StepResult:
+        end_s = None if step.end_s is None else step.end_s + by_s
+        return replace(step, start_s=step.start_s + by_s, end_s=end_s)
+
+    left = status.left
+    return replace(
+        status,
+        time_s=status.time_s + by_s,
+        steps=tuple(map(moved, status.steps)),
+        roles=tuple((since_s + by_s, role) for since_s, role in status.roles),
+        closings=tuple((at_s + by_s, fewer, k) for at_s, fewer, k in status.closings),
+        left=left and replace(left, time_s=left.time_s + by_s),
+    )

@@ -1,1 +1,0 @@
-"""Foxglove's view of a swarm, recorded and live."""

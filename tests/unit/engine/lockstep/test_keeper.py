@@ -1,0 +1,267 @@
+"""The keeper of mission time, with members in this process."""
+
+from __future__ import annotations
+
+import threading
+import time
+import uuid
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+
+import pytest
+
+from swarm_ctl.engine.lockstep.keeper import Keeper, Rules
+from swarm_ctl.engine.lockstep.member import KeeperGoneError, LockstepMember
+from swarm_ctl.engine.lockstep.words import TickPhase, TickWord, Word, pack_json, packets
+from swarm_ctl.errors import StartError
+
+pytestmark = pytest.mark.timeout(20)
+
+WORLD, FIRST, SECOND = "simulator", "agent-1", "agent-2"
+PORTS = {FIRST: 1001, SECOND: 1002}
+
+
+class Barrier:
+    """A keeper on a thread of its own, and its members by name."""
+
+    def __init__(self, rules: Rules) -> None:
+        self.notes: list[str] = []
+        self.address = f"test-{uuid.uuid4()}"
+        self.keeper = Keeper(rules, self.address, self.notes.append)
+        self.members: dict[str, LockstepMember] = {}
+        for name in rules.expected:
+            self.join(name)
+        self._thread = threading.Thread(target=self.keeper.serve)
+        self._thread.start()
+
+    def join(self, name: str, *, late: bool = False) -> LockstepMember:
+        """Its constructor waits for an answer, which comes from the thread."""
+        phase = (
+            TickPhase.WORLD
+            if name == WORLD
+            else TickPhase.AFTER
+            if name == "test"
+            else TickPhase.SWARM
+        )
+        made: list[LockstepMember] = []
+        port = PORTS.get(name, 0)
+        thread = threading.Thread(
+            target=lambda: made.append(LockstepMember(self.address, name, phase, port))
+        )
+        thread.start()
+        if not late:
+            while thread.is_alive():
+                self.keeper.turn()
+        thread.join()
+        made[0].ready()
+        self.members[name] = made[0]
+        return made[0]
+
+    def tick(self, name: str, wall_seconds: float = 5.0) -> TickWord:
+        until = time.monotonic() + wall_seconds
+        while time.monotonic() < until:
+            tick = self.members[name].wait(0.05)
+            if tick is not None:
+                return tick
+        raise AssertionError(f"{name} gets no tick")
+
+    def done(self, name: str, count: int = 0) -> None:
+        """It has published so many states, and sent so many datagrams."""
+        port = {PORTS[name]: count} if name in PORTS else {}
+        self.members[name].done({0: count} if count else {}, port)
+
+    def close(self) -> None:
+        self.keeper.over = True
+        for member in self.members.values():
+            member.close()
+        self._thread.join()
+        self.keeper.close()
+
+
+@contextmanager
+def barrier(*names: str, factor: float | None = None, patience: float = 10.0) -> Iterator[Barrier]:
+    with closing(Barrier(Rules(0.05, names, factor, patience))) as made:
+        yield made
+
+
+def test_the_world_goes_first_and_no_member_ahead() -> None:
+    """Agents get tick k when the world has done it, the world tick k + 1 when all agents have done
+    k."""
+    with barrier(WORLD, FIRST, SECOND) as b:
+        for k in (1, 2, 3):
+            assert b.tick(WORLD).number == k
+            assert b.members[FIRST].wait(0.05) is None
+            b.done(WORLD)
+            assert b.tick(FIRST).number == b.tick(SECOND).number == k
+            b.done(FIRST)
+            assert b.members[WORLD].wait(0.05) is None
+            b.done(SECOND)
+
+
+def test_a_tick_says_what_belongs_to_it() -> None:
+    """An agent is told what the agents published in the tick before, the simulator how many
+    datagrams each has sent."""
+    with barrier(WORLD, FIRST, SECOND) as b:
+        b.tick(WORLD)
+        b.members[WORLD].done({}, {1001: 4, 9999: 1})
+        assert b.tick(FIRST).datagrams[1001] == 4
+        b.tick(SECOND)
+        b.done(FIRST, 2)
+        b.done(SECOND, 3)
+        assert b.tick(WORLD).datagrams == {1001: 2, 1002: 3}
+        b.done(WORLD)
+        tick = b.tick(SECOND)
+        assert tick.heard == 1
+        assert sorted(tick.published) == [(1, 0, 2), (2, 0, 3)]
+
+
+def test_a_member_that_dies_is_not_waited_for() -> None:
+    """Its end of file is enough: the others go on within the same second, and it is no agent any
+    more."""
+    with barrier(WORLD, FIRST, SECOND, patience=60.0) as b:
+        b.tick(WORLD)
+        b.done(WORLD)
+        b.tick(FIRST)
+        b.members[SECOND].close()
+        b.done(FIRST)
+        tick = b.tick(WORLD, 1.0)
+        assert tick.agents == 1
+
+
+def test_a_last_tick_counts_and_is_the_last() -> None:
+    """What an agent published in its last tick is waited for; no tick is granted to it again, and
+    the next world has one agent less, whenever its process ends."""
+    with barrier(WORLD, FIRST, SECOND) as b:
+        b.tick(WORLD)
+        b.done(WORLD)
+        b.tick(FIRST)
+        b.tick(SECOND)
+        b.members[SECOND].done({0: 5}, {1002: 1}, last=True)
+        b.done(FIRST)
+        tick = b.tick(WORLD)
+        assert (tick.agents, tick.datagrams[1002]) == (1, 1)
+        b.done(WORLD)
+        assert (2, 0, 5) in b.tick(FIRST).published
+        assert b.members[SECOND].wait(0.05) is None
+
+
+def test_a_stopped_member_is_left_behind_and_comes_back() -> None:
+    """After the bound mission time goes on without it, which is noted; it takes part again from a
+    later tick, told that its counts are void."""
+    with barrier(WORLD, FIRST, SECOND, patience=1.0) as b:
+        b.tick(WORLD)
+        b.done(WORLD)
+        b.tick(FIRST)
+        b.tick(SECOND)
+        b.done(FIRST)
+        assert b.tick(WORLD).number == 2
+        assert "agent-2 has not done its tick for 1 s" in b.notes[0]
+        b.done(SECOND)
+        b.done(WORLD)
+        b.tick(FIRST)
+        b.done(FIRST)
+        b.tick(WORLD)
+        b.done(WORLD)
+        assert not b.tick(FIRST).anew
+        assert b.tick(SECOND).anew
+        assert "agent-2 is back" in b.notes[1]
+
+
+def test_a_station_does_not_hold_up_the_world() -> None:
+    """The simulator goes on while a station still works on the tick, the agents do not."""
+    with barrier(WORLD, FIRST, "station") as b:
+        b.tick(WORLD)
+        b.done(WORLD)
+        b.tick("station")
+        b.tick(FIRST)
+        b.done(FIRST)
+        assert b.tick(WORLD).number == 2
+        b.done(WORLD)
+        assert b.members[FIRST].wait(0.05) is None
+        b.done("station", 1)
+        assert (2, 0, 1) in b.tick(FIRST).published
+
+
+def test_a_test_has_the_time_between_two_ticks() -> None:
+    """It hears what was published in this very tick, and nothing moves before it is done, however
+    long that takes."""
+    with barrier(WORLD, FIRST, "test", patience=1.0) as b:
+        b.tick(WORLD)
+        b.done(WORLD)
+        b.tick(FIRST)
+        b.done(FIRST, 1)
+        tick = b.tick("test")
+        assert (tick.number, tick.heard, list(tick.published)) == (1, 1, [(1, 0, 1)])
+        assert b.members[WORLD].wait(2.5) is None
+        b.done("test")
+        assert b.tick(WORLD).number == 2
+        assert b.notes == []
+
+
+def test_a_member_that_joins_late() -> None:
+    """It takes part from the next tick on, and is told who flies."""
+    with barrier(WORLD, FIRST) as b:
+        b.tick(WORLD)
+        late = b.join(SECOND, late=True)
+        assert late.late
+        assert late.others == {0: WORLD, 1: FIRST}
+        b.done(WORLD)
+        assert b.tick(SECOND).anew
+        b.tick(FIRST)
+
+
+def test_a_pace_slows_down_and_never_hurries() -> None:
+    """Paced ticks come no faster than asked for, and what a pause cost is not made up for. The test
+    sees the first tick late where it does not run when that comes: so its bound leaves 0.25 s of
+    2 s."""
+    with barrier(WORLD, factor=1.0) as b:
+
+        def fly(ticks: int) -> float:
+            began = time.monotonic()
+            for _ in range(ticks):
+                b.done(WORLD)
+                b.tick(WORLD)
+            return time.monotonic() - began
+
+        b.tick(WORLD)
+        assert fly(40) > 39 * 0.05 - 0.25
+        time.sleep(0.5)
+        assert fly(4) > 2 * 0.05 - 0.005  # one comes at once, and one that was due meanwhile
+
+
+def test_a_stranger_does_not_stop_the_clock() -> None:
+    """Bytes that are no word end that connection alone."""
+    with barrier(WORLD) as b:
+        stranger = LockstepMember(b.address, "stranger", TickPhase.SWARM)
+        stranger._send(b"\x05\x00")
+        with pytest.raises(KeeperGoneError):
+            stranger.wait(5.0)
+        stranger.close()
+        b.tick(WORLD)
+
+
+def test_no_keeper() -> None:
+    """A process that is to join a clock that is not there says so."""
+    with pytest.raises(StartError, match="clock does not answer"):
+        LockstepMember("swarm-ctl-nowhere", FIRST, TickPhase.SWARM)
+
+
+def test_the_keeper_is_not_given_up_while_others_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hundred processes may need longer to start than a keeper may be silent."""
+    monkeypatch.setattr("swarm_ctl.engine.lockstep.keeper._TELL_WALL_S", 0.05)
+    monkeypatch.setattr("swarm_ctl.engine.lockstep.member._SILENT_WALL_S", 0.5)
+    with barrier(WORLD) as b, closing(LockstepMember(b.address, FIRST, TickPhase.SWARM)) as waits:
+        until = time.monotonic() + 1.0
+        while time.monotonic() < until:  # it has not heard all others yet, so it is not ready
+            assert waits.wait(0.01) is None
+
+
+def test_the_first_word_to_a_process_is_its_welcome(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However late it joins after it has connected: the simulator reads no other word there."""
+    monkeypatch.setattr("swarm_ctl.engine.lockstep.keeper._TELL_WALL_S", 0.02)
+    with barrier(WORLD) as b, closing(packets()) as slow:
+        slow.connect("\0" + b.address)
+        time.sleep(0.2)
+        slow.send(pack_json(Word.JOIN, name="late", phase=TickPhase.SWARM, port=0))
+        slow.settimeout(5.0)
+        assert slow.recv(4096)[0] == Word.WELCOME

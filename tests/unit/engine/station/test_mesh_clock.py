@@ -1,0 +1,68 @@
+"""The mission clock that a station tells from the agents' messages."""
+
+from __future__ import annotations
+
+import pytest
+
+from swarm_ctl.engine.station.mesh_clock import MeshClock
+
+
+class Time:
+    """The clock under the heard one, set by hand."""
+
+    def __init__(self) -> None:
+        self.s = 3.0
+
+    def now(self) -> float:
+        return self.s
+
+
+@pytest.fixture
+def time() -> Time:
+    return Time()
+
+
+@pytest.fixture
+def clock(time: Time) -> MeshClock:
+    made = MeshClock()
+    made._own = time  # type: ignore[assignment]
+    return made
+
+
+def test_before_anything_is_heard_it_counts_from_its_start(clock: MeshClock) -> None:
+    assert clock.now() == 3.0
+    assert not clock.heard
+
+
+@pytest.mark.parametrize("first", [500.0, 0.5])
+def test_the_first_word_sets_it(clock: MeshClock, first: float) -> None:
+    """Forwards or backwards."""
+    clock.hear(first)
+    assert clock.heard
+    assert clock.now() == first
+
+
+def test_the_fastest_message_counts(clock: MeshClock, time: Time) -> None:
+    """Messages take 5 to 200 ms; the clock is as late as the fastest, and is not pulled by the slow
+    ones."""
+    for k in range(200):
+        time.s += 0.05
+        clock.hear(1000.0 + time.s - (0.005 if k % 10 == 0 else 0.2))
+    assert abs(clock.now() - (1000.0 + time.s)) < 0.02
+
+
+def test_it_follows_agents_whose_clock_is_a_little_slower(clock: MeshClock, time: Time) -> None:
+    """Fifty millionths, for an hour: it does not run away from them by the whole 180 ms."""
+    for _ in range(36000):
+        time.s += 0.1
+        clock.hear(100.0 + time.s * (1 - 50e-6) - 0.005)
+    assert abs(clock.now() - (100.0 + time.s * (1 - 50e-6))) < 0.03
+
+
+def test_an_agent_with_a_clock_of_its_own_does_not_move_it(clock: MeshClock, time: Time) -> None:
+    """It was started ten seconds later and counts from then: the first one's time stays."""
+    for _ in range(2000):
+        time.s += 0.05
+        clock.hear(100.0 + time.s)
+        clock.hear(90.0 + time.s)
+    assert clock.now() == pytest.approx(100.0 + time.s)
