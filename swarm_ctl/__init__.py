@@ -1,4 +1,4 @@
-"""A controller for swarms of drones; docs/pages/architecture.md says what is where."""
+"""A controller for swarms of drones; docs/understand/architecture.md says what is where."""
 
 from __future__ import annotations
 

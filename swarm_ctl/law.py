@@ -1,4 +1,4 @@
-"""What a law of your own is written with; docs/pages/law.md#an-own-law.
+"""What a law of your own is written with; docs/understand/law.md#an-own-law.
 
 A law is a module. `terms(me, others, p, memory)` gives the `LawTerms` of one receiver, and is all
 that it needs. It may have `Parameters`, a NamedTuple of numbers with bounds; `MEMORY`, so many

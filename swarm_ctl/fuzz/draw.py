@@ -1,5 +1,5 @@
 """Scenarios that are drawn from a seed: short flights of few agents, inside the envelope of
-docs/pages/safety.md, and what may befall them.
+docs/understand/safety-evidence.md, and what may befall them.
 
 A scenario depends on the seed, its number and what was met before (`Coverage`) alone. Numbers have
 few digits, because people read them. Lengths are the law's units until the end.
@@ -33,7 +33,7 @@ _R: Final = 4.5
 _APART: Final = 1.26
 """Of slots, by the envelope, in r_out."""
 _TAKEOFF_M: Final = 4.0
-"""Between starts, besides r_in, as docs/pages/safety.md advises."""
+"""Between starts, besides r_in, as docs/understand/safety-evidence.md advises."""
 
 
 class Dice:

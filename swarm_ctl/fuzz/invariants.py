@@ -1,6 +1,6 @@
 """What must hold in every flight of a scenario, by the simulator's truth.
 
-Each check is a sentence of docs/pages/fuzz.md. It looks at the vehicles, not at what agents say of
+Each check is a sentence of docs/do/fuzz.md. It looks at the vehicles, not at what agents say of
 them; where it needs an agent's word (that an order was taken, why a mission broke off), the word is
 held against the truth. What a scenario takes out of the swarm's hands (a pilot, a vehicle that
 tells a wrong place, an agent that lies) is left out for as long as that lasts, and no longer.
@@ -53,7 +53,7 @@ _CLIMBS: Final = 1.5
 """Autopilots overshoot a setpoint by so much: 1.11 and 1.20 of the limits were the most in 120
 flights."""
 _CLEAR: Final = 1.1
-"""In r_in: what is left in fair weather (docs/pages/safety.md)."""
+"""In r_in: what is left in fair weather (docs/understand/safety-evidence.md)."""
 _AGE_S: Final = 1.0
 """The age of a link is off by a status, and by what the mesh delays."""
 _COUNTED: Final = 200

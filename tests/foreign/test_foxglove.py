@@ -22,7 +22,7 @@ from tests.foreign.foxglove_client import PROTOCOL, FoxgloveClient
 
 pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(200)]
 
-LAYOUT = ROOT / "docs" / "pages" / "foxglove-layout.json"
+LAYOUT = ROOT / "docs" / "do" / "foxglove-layout.json"
 PANELS = {"3D", "map", "Plot", "Table", "RosOut"}
 """Foxglove's names of its panels; RosOut is the log."""
 OWN_SCHEMAS = {

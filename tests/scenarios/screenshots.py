@@ -1,8 +1,8 @@
-"""Draws the README's pictures of the dashboard: `python -m tests.scenarios.screenshots docs`.
+"""Draws the pictures of the dashboard: `python -m tests.scenarios.screenshots docs/pictures`.
 
 Flies the hexagon with the slots crossed (so that agents meet and sigma has something to do) on the
 virtual clock (real agents, drivers and simulator) and takes each screen, dark and light:
-`docs/dashboard-swarm-dark.svg` and so on.
+`dashboard-swarm-dark.svg` and so on.
 """
 
 from __future__ import annotations

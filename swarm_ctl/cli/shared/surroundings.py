@@ -16,7 +16,7 @@ from swarm_ctl.cli.shared.system import GROUND_ALONE, lacks, lacks_for_lockstep
 from swarm_ctl.engine.vehicles.instances import GCS_PORT
 
 AGENTS_A_CORE: Final = 16
-"""In real time, simulator and station included: docs/pages/figures.md, "How a run grows"."""
+"""In real time, simulator and station included: docs/understand/figures.md, "How a run grows"."""
 _PORTS: Final = (
     (socket.SOCK_DGRAM, GCS_PORT, "ground control software (--gcs)"),
     (socket.SOCK_DGRAM, 14540, "the first PX4 (SITL)"),

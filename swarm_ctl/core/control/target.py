@@ -3,7 +3,7 @@ and which words of it are believed.
 
 A word is an average of nothing: a receiver's position with its noise, some tenths of a second late,
 and some never come. So the last few words together give velocity and turn rate, and these carry the
-position to now. `docs/pages/missions.md` says what is done with them.
+position to now. `docs/do/missions.md` says what is done with them.
 
 A word that jumps is not believed, as a peer's is not: by a forged sender, or by a receiver that has
 lost its satellites. It is believed when it goes on for `_INSISTS_S` while nobody says otherwise.

@@ -1,5 +1,5 @@
 """How the model of a vehicle flies setpoints and comes to rest: a first-order lag with bounded
-acceleration (docs/pages/law.md#from-units-to-a-vehicle). Metres and seconds."""
+acceleration (docs/understand/law.md#from-units-to-a-vehicle). Metres and seconds."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ that j's may have reached, and `x = |q|`:
     -q/x . v >= min(0.45 v_max, -0.5 (0.98 r - x) + undone)        guard of a link: `guard`
 
 `core/kernel/program.py` finds the velocity nearest to the wish that satisfies them all. What is
-proven, under which assumptions, and what is only measured: `docs/pages/safety.md`.
+proven, under which assumptions, and what is only measured: `docs/understand/safety-evidence.md`.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _SPARE: Final = 1.15
 _TURNS: Final = 0.3
 """A limit `a` of acceleration delays a turn at speed `v` as a further lag of this times `v / a`
 would. Without it, vehicles that answer fast and accelerate slowly came within 0.44 units; with it
-the swaps of docs/pages/safety.md form some per cent later."""
+the swaps of docs/understand/safety-evidence.md form some per cent later."""
 _LEFT: Final = 1.1
 """In r_in: what is left between two vehicles whose stop points are off by all that is doubted."""
 _UNSURE_S: Final = 2.0

@@ -3,7 +3,7 @@ rotor's wake reaches.
 
 A vehicle is somewhere between its height and the height that it flies to: a *span*. Two are apart
 where their spans lie so far from each other that neither can come within a layer of the other until
-its next word, whatever is doubted of both. `docs/pages/safety.md` has what follows from that.
+its next word, whatever is doubted of both. What follows: `docs/understand/safety-evidence.md`.
 
 Heights in m above the common frame's origin, times in s.
 """

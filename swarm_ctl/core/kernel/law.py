@@ -1,7 +1,7 @@
 """The formation law of Mondal et al. 2017 for one agent: consensus plus an adaptive potential whose
 sigma is tuned online.
 
-Numbers in parentheses are the paper's equations; `docs/pages/law.md` has the law as it is built.
+Numbers in parentheses are the paper's equations; `docs/understand/law.md` has the law as built.
 All lengths are the paper's units. The paper's symbols are kept: `e = p - z`, `n` the consensus sum,
 `q = p_i - p_j`, `x = |q|`, `S = q . n`, `C = q x n`, `beta = h / N^2`, `D_lb`/`D_ub` the bounds
 (32), (59), (65), `g` the cut-off (18)-(21). The terms are displacements per iteration: `p <- p + u`
@@ -189,7 +189,7 @@ def adapted(
 
 def _chosen(d_lb: float, d_ub: float, law: Law) -> tuple[float, int]:
     """D by (66) and its status; `narrow`, `inactive` and `overspeed` are this program's rules where
-    (66) has no room (`docs/pages/law.md`)."""
+    (66) has no room (`docs/understand/law.md`)."""
     middle = 0.5 * (d_lb + d_ub)
     d = d_lb + law.delta_l if d_lb < 2.0 else middle
     status = PAPER

@@ -7,7 +7,8 @@ which is stayed inside of. One half-plane for each wall that is near, on the own
 
 `n` points from the nearest point of the wall to the stop point, `gap` is their distance. A wall
 makes no way: the whole burden is ours. To leave one that does not hold gives way to pairs
-(`core/kernel/decide.py`). What is proven of it, and what is only measured: `docs/pages/safety.md`.
+(`core/kernel/decide.py`). What is proven of it, and what is only measured:
+`docs/understand/safety-evidence.md`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 """The stop point: where a vehicle would come to rest if it were told to stop now
-(docs/pages/law.md#from-units-to-a-vehicle).
+(docs/understand/law.md#from-units-to-a-vehicle).
 
 Seen from it, a vehicle with dead time and lag is a single integrator again: `ds/dt = v_cmd`, which
 is what the paper's law assumes. Exact for dead time plus first-order lag; measured, not proven,

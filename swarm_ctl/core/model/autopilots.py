@@ -35,7 +35,7 @@ class UpAndDown:
 @dataclass(frozen=True, slots=True)
 class AutopilotKind:
     """A family of firmware, at its default parameters. The figures were measured on real ones
-    (docs/pages/figures.md#real-autopilots)."""
+    (docs/understand/figures.md#real-autopilots)."""
 
     response: Response
     """To a velocity setpoint, by what was measured and what keeps simulated vehicles apart."""

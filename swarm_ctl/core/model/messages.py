@@ -207,8 +207,8 @@ class AgentState:
 
 @row
 class PairReport:
-    """One pair in the avoidance region, as agent i sees it (docs/pages/law.md#sigma). Lengths in
-    units."""
+    """One pair in the avoidance region, as agent i sees it (docs/understand/law.md#sigma).
+    Lengths in units."""
 
     peer: int
     neighbour: bool
@@ -359,7 +359,7 @@ class Echo:
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """What of the law can be changed in flight (docs/pages/law.md#symbols)."""
+    """What of the law can be changed in flight (docs/understand/law.md#symbols)."""
 
     delta_a: float
     delta_l: float

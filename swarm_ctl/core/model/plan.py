@@ -84,7 +84,7 @@ class LawParameter:
 
 @dataclass(frozen=True, slots=True)
 class LawParameters:
-    """docs/pages/law.md#symbols, in units; defaults are Table I and the hexagon of section VI."""
+    """docs/understand/law.md#symbols, in units; defaults: Table I, the hexagon of section VI."""
 
     r: float = 4.5
     r_out: float = 1.5

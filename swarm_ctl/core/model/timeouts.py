@@ -1,6 +1,6 @@
 """How old a state may be, and for how long an agent predicts from it. Seconds of mission time.
 
-docs/pages/timeouts.md has the table of all ages and time-outs, of other modules too: what happens
+docs/look-up/timeouts.md has the table of all ages and time-outs, of other modules too: what happens
 at each, and why the number is that number. A test holds its numbers to the code.
 """
 

@@ -7,8 +7,8 @@ one an agent hears the states of its *near* peers, and of all others a *far word
 An aircraft constrains nothing while its stop point is farther away than the safety filter reaches.
 So a peer is near when its stop point may come within that reach before its states would be heard:
 it has flown at top speed since its newest word was true, however many words were lost since, and
-both fly at top speed until the next look and until a subscription works. docs/pages/safety.md has
-the figures.
+both fly at top speed until the next look and until a subscription works.
+docs/understand/safety-evidence.md has the figures.
 """
 
 from __future__ import annotations

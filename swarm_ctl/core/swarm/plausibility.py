@@ -41,7 +41,8 @@ _SLOWEST_S: Final = 8.0
 """Dead time, lag, and what a mission file allows of both."""
 _SLOWER_S: Final = 2.0
 """A peer that tells a response which is longer than the plan's by more than this slows the others
-by no more than this: 1 s over the model is what keeps apart (docs/pages/safety.md)."""
+by no more than this: 1 s over the model is what keeps apart
+(docs/understand/safety-evidence.md)."""
 _SMALLEST: Final = 1e-3
 """Of a formation's scale."""
 CREEP_M: Final = 3.0

@@ -1,2 +1,2 @@
 """Lockstep: one mission clock for all processes of a run, which moves when all have done their
-tick. docs/pages/lockstep.md has the whole."""
+tick. docs/understand/lockstep.md has the whole."""

@@ -1,7 +1,7 @@
 """How fast a vehicle lets itself be flown: the parameters that limit how it follows velocity
 setpoints. They are read, never set. Pure.
 
-docs/pages/figures.md#real-autopilots has what each of them does on the real ones.
+docs/understand/figures.md#real-autopilots has what each of them does on the real ones.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The envelope: the missions in which the safety filter was studied, as a table.
 
 Outside of it a mission flies with a warning; far outside it is refused.
-docs/pages/safety.md#the-envelope quotes the table, and a test holds the two together.
+docs/understand/safety-evidence.md#the-envelope quotes the table, and a test holds the two together.
 """
 
 from __future__ import annotations
@@ -126,8 +126,8 @@ ENVELOPE: Final = (
 )
 """The row of the speed is twice the braking distance in the room from r_out to r_in. To 1.8 no
 pair came under r_in; at 2 to 10.3 up to 2 in 100 missions had one; beyond 12 nothing is known
-(docs/pages/safety.md#the-envelope). The others refuse at twice, or half, of what was studied; the
-tick, where a vehicle at 5 m/s flies a metre between two."""
+(docs/understand/safety-evidence.md#the-envelope). The others refuse at twice, or half, of what
+was studied; the tick, where a vehicle at 5 m/s flies a metre between two."""
 
 
 def outside(plan: Plan) -> Findings:

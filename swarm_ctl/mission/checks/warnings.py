@@ -306,7 +306,10 @@ def _outside_the_envelope(_mission: MissionFile, plan: Plan) -> Findings:
     if plan.safety.filter:
         yield from envelope.outside(plan)
     elif plan.compensation is Compensation.STOP_POINT:
-        what = "off: what docs/pages/safety.md says of distances does not hold for this mission"
+        what = (
+            "off: what docs/understand/safety-evidence.md says of distances does not hold"
+            " for this mission"
+        )
         yield Mistake(("safety", "filter"), what, "")
 
 

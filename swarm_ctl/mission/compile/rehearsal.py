@@ -2,7 +2,7 @@
 
 Each vehicle answers exactly as `plan.response` says, and each agent knows all states at once. So
 wind, late states, slot exchange and errors of the response are left out: flown, a step takes about
-as long (docs/pages/safety.md#the-envelope).
+as long (docs/understand/safety-evidence.md#the-envelope).
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ FIRST_AGENT_PORT: Final = 7448
 """Where the first agent of a host listens, in a mesh of peers; the next ones on the next ports."""
 _BETWEEN_HOSTS: Final = "tcp"
 """It loses nothing that the link can carry. Where packets are lost, `udp` has the younger states if
-few agents share a link: docs/pages/deployment.md has the figures."""
+few agents share a link: docs/do/deployment.md has the figures."""
 
 
 def fleet_of(mission: MissionFile, folder: Path = Path()) -> Fleet:

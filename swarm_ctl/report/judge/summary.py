@@ -132,7 +132,7 @@ class LinkSummary(_SummaryPart):
 
 
 class FindingSummary(_SummaryPart):
-    """What makes the run failed whatever its agents say (docs/pages/verdict.md)."""
+    """What makes the run failed whatever its agents say (docs/look-up/verdict.md)."""
 
     kind: FindingKind
     time_s: float

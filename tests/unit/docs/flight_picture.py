@@ -1,6 +1,6 @@
 """Draws the moving picture of the README from a flight on the virtual clock.
 
-    python -m tests.unit.docs.flight_picture docs/pages/pictures/flight.svg
+    python -m tests.unit.docs.flight_picture docs/pictures/flight.svg
 
 Real agents, real drivers and the simulator; what is drawn are the true positions. Each drone is a
 disc of diameter `r_in`: two discs that touch would be too close.

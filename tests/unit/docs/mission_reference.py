@@ -1,6 +1,6 @@
 """Writes the page of all mission fields from the schema.
 
-python -m tests.unit.docs.mission_reference > docs/pages/reference.md
+python -m tests.unit.docs.mission_reference > docs/look-up/reference.md
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from typing import Any, Final
 
 from swarm_ctl.mission.mission_file import json_schema
 
-COMMAND: Final = "python -m tests.unit.docs.mission_reference > docs/pages/reference.md"
+COMMAND: Final = "python -m tests.unit.docs.mission_reference > docs/look-up/reference.md"
 HEAD: Final = f"""# Mission reference
 
 Every field of a mission file, its values and its default, made from the schema by
 `{COMMAND}`.
-[Missions](missions.md) says how to write one.
+[Missions](../do/missions.md) says how to write one.
 
 Lengths with a suffix (`_m`) are metres; those without are units of `unit_m` metres, or metres with
 `lengths: metres`. A pair is `[north, east]`. Angles are degrees clockwise from north, seen from

@@ -8,13 +8,15 @@ from pathlib import Path
 from typing import Final
 
 ROOT: Final = Path(__file__).parents[3]
-PAGES: Final = ROOT / "docs" / "pages"
+DOCS: Final = ROOT / "docs"
+PAGES: Final = {path.stem: path for path in sorted(DOCS.rglob("*.md"))}
+"""The site's pages by name: no two have the same, in whatever folder they are."""
 DOCUMENTS: Final = (
     ROOT / "README.md",
     ROOT / "CHANGELOG.md",
     ROOT / "missions" / "README.md",
     ROOT / "sim" / "README.md",
-    *sorted(PAGES.glob("*.md")),
+    *PAGES.values(),
 )
 _BLOCK: Final = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _SAVED: Final = re.compile(

@@ -1,6 +1,6 @@
 """Writes the page of studies from the code and from the files in studies/.
 
-python -m tests.unit.docs.study_reference > docs/pages/studies.md
+python -m tests.unit.docs.study_reference > docs/look-up/studies.md
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from swarm_ctl.study.row_columns import MEANINGS
 from swarm_ctl.study.study_file import StudyFile, study_file
 
 ROOT: Final = Path(__file__).parents[3]
-COMMAND: Final = "python -m tests.unit.docs.study_reference > docs/pages/studies.md"
+COMMAND: Final = "python -m tests.unit.docs.study_reference > docs/look-up/studies.md"
 HEAD: Final = f"""# Studies
 
 A study flies thousands of missions, without processes: the agents' own law, safety filter and slot
@@ -35,15 +35,15 @@ swarm-ctl study --out mix.csv --row 11 --picture 11.gif --mission 11.yaml
 - A *list* (`4,6,9`) is combined with every other list; a combination is a *cell*, and each has
   `missions` missions. From a *range* (`0:0.2`) each mission draws its own value. A list may hold
   ranges.
-- Rows are the same for the same study, however many processes or [machines](cluster.md) fly it, and
-  whatever other missions are flown.
+- Rows are the same for the same study, however many processes or [machines](../do/cluster.md) fly
+  it, and whatever other missions are flown.
 - Beside the rows, `FILE.json` has the study. The same command continues a study that was
   interrupted.
-- `--law paper,orca,mine` flies the same missions by each [law](law.md#an-own-law), without the
-  filter and with it: the league. A law in plain Python is compiled too where numba can; where not,
-  its missions take tens of times as long, and `study` says so.
+- `--law paper,orca,mine` flies the same missions by each [law](../understand/law.md#an-own-law),
+  without the filter and with it: the league. A law in plain Python is compiled too where numba
+  can; where not, its missions take tens of times as long, and `study` says so.
 - In swarms of more than {SMALL_SWARM} each agent hears its near peers at every tick, and of far
-  ones a word twice a second, as [agents do](safety.md).
+  ones a word twice a second, as [agents do](../understand/safety-evidence.md).
 
 ## Truth and model
 

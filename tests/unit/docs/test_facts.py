@@ -22,7 +22,7 @@ from swarm_ctl.station.picture.alarms import RULES
 from tests.unit.docs import mission_reference, study_reference
 from tests.unit.docs.pages import PAGES, ROOT, blocks
 
-MISSION = blocks(PAGES / "missions.md")[0].text
+MISSION = blocks(PAGES["missions"])[0].text
 OPTIONS = {
     name: {
         option
@@ -33,7 +33,7 @@ OPTIONS = {
     for name, command in get_command(app).commands.items()  # type: ignore[attr-defined]
 }
 README = (ROOT / "README.md").read_text()
-TEXT = {path.stem: path.read_text() for path in PAGES.glob("*.md")}
+TEXT = {name: path.read_text() for name, path in PAGES.items()}
 
 
 def plan(more: str = "", law: str = "") -> Plan:
@@ -94,11 +94,11 @@ def test_the_limits_of_tune_are_those_of_the_missions_page() -> None:
 def test_the_envelope_is_that_of_the_safety_page() -> None:
     for each in ENVELOPE:
         row = f"| `{'.'.join(each.place)}` | {each.name} | {each.studied} | {each.accepted} |"
-        assert row.replace("  |", " |") in TEXT["safety"], row
+        assert row.replace("  |", " |") in TEXT["safety-evidence"], row
 
 
 def test_the_constants_of_the_filter_are_those_of_the_safety_page() -> None:
-    page, c = TEXT["safety"], constraints
+    page, c = TEXT["safety-evidence"], constraints
     assert f"min({c._ESCAPE:g} v_max, -{c.RATE:g} * share * (x - D_j))" in page
     guard = f"-{0.5 * c._GUARD_RATE:g} ({c._GUARD_AT:g} r - x)"
     assert f"min({c._GUARD_PULL:g} v_max, {guard}" in page
@@ -132,12 +132,12 @@ def test_each_install_by_role_is_in_the_list() -> None:
 
 
 def test_the_layers_are_those_of_the_import_rule() -> None:
-    """In docs/pages/architecture.md."""
+    """In docs/understand/architecture.md."""
     linter = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]
     contracts = [c["layers"] for c in linter["contracts"] if c["type"] == "layers"]
     (layers,) = [names for names in contracts if "swarm_ctl.core" in names]
     rule = " -> ".join(layers).replace("swarm_ctl.", "")
-    (page,) = [b.text for b in blocks(PAGES / "architecture.md") if "testing ->" in b.text]
+    (page,) = [b.text for b in blocks(PAGES["architecture"]) if "testing ->" in b.text]
     assert " ".join(page.split()) == rule
 
 

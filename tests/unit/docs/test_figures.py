@@ -1,4 +1,4 @@
-"""Figures of the README and of docs/pages/safety.md, from the commands that stand beside them."""
+"""Figures of the README and of the safety's evidence, from the commands beside them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 from tests.unit.docs.pages import PAGES, ROOT, commands
 
-SAFETY = (PAGES / "safety.md").read_text()
+SAFETY = (PAGES["safety-evidence"]).read_text()
 MIX = "swarm-ctl study studies/mix.yaml"
 Rows = list[dict[str, str]]
 
@@ -35,7 +35,7 @@ def smallest(rows: Rows) -> float:
 
 
 def test_the_readme_and_the_page_have_one_command() -> None:
-    for document in (ROOT / "README.md", PAGES / "safety.md"):
+    for document in (ROOT / "README.md", PAGES["safety-evidence"]):
         assert MIX in commands(document)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from xml.etree import ElementTree as ET
 
 from tests.unit.docs.flight_picture import Sample, draw
-from tests.unit.docs.pages import PAGES
+from tests.unit.docs.pages import DOCS
 
 SVG = "{http://www.w3.org/2000/svg}"
 FLIGHT = [
@@ -34,6 +34,6 @@ def test_a_drawn_flight_moves() -> None:
 
 
 def test_the_picture_in_the_repository_moves_and_names_its_mission() -> None:
-    text = (PAGES / "pictures" / "flight.svg").read_text()
+    text = (DOCS / "pictures" / "flight.svg").read_text()
     check(text, 12)
     assert "missions/letters.yaml" in text

@@ -13,13 +13,13 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl.study.row_columns import COLUMNS
-from tests.unit.docs.pages import DOCUMENTS, PAGES, ROOT, blocks, prose
+from tests.unit.docs.pages import DOCS, DOCUMENTS, ROOT, blocks, prose
 
 README_WORDS = 900
 PICTURE_BYTES = 1_000_000
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
 OWN_PATH = re.compile(r"`((?:swarm_ctl|sim|tests|missions|studies|docs|docker)/[\w./*-]+)`")
-CITED = re.compile(r"docs/pages/(\w+)\.md(?:#([\w-]+))?")
+CITED = re.compile(r"docs/([\w/-]+)\.md(?:#([\w-]+))?")
 
 
 def identify(path: Path) -> str:
@@ -86,7 +86,7 @@ def test_the_code_cites_pages_and_sections_that_exist() -> None:
     for top in ("swarm_ctl", "sim", "tests"):
         for file in (ROOT / top).rglob("*.py"):
             for page, anchor in CITED.findall(file.read_text()):
-                path = PAGES / f"{page}.md"
+                path = DOCS / f"{page}.md"
                 if not path.exists() or (anchor and anchor not in anchors(path)):
                     wrong.append(f"{identify(file)}: {page}.md#{anchor}")
     assert wrong == []
@@ -136,13 +136,13 @@ def test_the_readme_is_short() -> None:
 
 
 def test_pictures_are_small() -> None:
-    for picture in (ROOT / "docs").rglob("*.svg"):
+    for picture in DOCS.rglob("*.svg"):
         assert picture.stat().st_size < PICTURE_BYTES
 
 
 @pytest.mark.timeout(120)
 def test_the_site_builds_without_warnings_and_needs_no_other_host(tmp_path: Path) -> None:
-    command = ["-m", "mkdocs", "build", "--strict", "-q", "-f", str(ROOT / "docs" / "mkdocs.yml")]
+    command = ["-m", "mkdocs", "build", "--strict", "-q", "-f", str(ROOT / "mkdocs.yml")]
     built = subprocess.run(
         [sys.executable, "-W", "ignore", *command, "-d", str(tmp_path)],
         capture_output=True,

@@ -14,7 +14,7 @@ from swarm_ctl.api.flight import FlightResult, SwarmFlight
 from swarm_ctl.testing.plugin import Fly
 from tests.unit.docs.pages import PAGES, blocks, saved_files
 
-PAGE = (PAGES / "testing.md").read_text()
+PAGE = (PAGES["testing"]).read_text()
 
 
 def call(name: str, function: Any) -> str:
@@ -46,9 +46,9 @@ def test_the_example_of_the_page_passes(
 ) -> None:
     """With the mission of the tutorial."""
     monkeypatch.chdir(tmp_path)
-    Path("patrol.yaml").write_text(saved_files(PAGES / "tutorial.md")["patrol.yaml"])
+    Path("patrol.yaml").write_text(saved_files(PAGES["tutorial"])["patrol.yaml"])
     written: dict[str, Any] = {}
-    exec(blocks(PAGES / "testing.md")[0].text, written)  # noqa: S102 (the page is ours)
+    exec(blocks(PAGES["testing"])[0].text, written)  # noqa: S102 (the page is ours)
     (test,) = (value for name, value in written.items() if name.startswith("test_"))
     test(swarm)
 
@@ -58,9 +58,9 @@ def test_the_scenario_of_the_page_flies(
 ) -> None:
     """With the mission of the tutorial."""
     monkeypatch.chdir(tmp_path)
-    Path("patrol.yaml").write_text(saved_files(PAGES / "tutorial.md")["patrol.yaml"])
-    Path("rough.yaml").write_text(saved_files(PAGES / "testing.md")["rough.yaml"])
-    (text,) = (b.text for b in blocks(PAGES / "testing.md") if "rough.yaml" in b.text)
+    Path("patrol.yaml").write_text(saved_files(PAGES["tutorial"])["patrol.yaml"])
+    Path("rough.yaml").write_text(saved_files(PAGES["testing"])["rough.yaml"])
+    (text,) = (b.text for b in blocks(PAGES["testing"]) if "rough.yaml" in b.text)
     written: dict[str, Any] = {}
     exec(text, written)  # noqa: S102 (the page is ours)
     written["test_a_rough_flight_ends_on_the_ground"](swarm)

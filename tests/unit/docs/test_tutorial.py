@@ -1,4 +1,4 @@
-"""Every file and command of docs/pages/tutorial.md works as the page says."""
+"""Every file and command of docs/learn/tutorial.md works as the page says."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 
 from tests.unit.docs.pages import PAGES, ROOT, commands, saved_files
 
-TUTORIAL = PAGES / "tutorial.md"
+TUTORIAL = PAGES["tutorial"]
 INSTALL = [
     "python3 -m venv .venv",
     ".venv/bin/pip install -q '.[ground]'",

@@ -6,7 +6,6 @@ import json
 import math
 import re
 from dataclasses import fields, replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -44,6 +43,7 @@ from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.errors import PayloadError
 from swarm_ctl.mesh.keys import CHANNELS
 from swarm_ctl.mesh.payloads import VERSION, decode, encode, is_json
+from tests.unit.docs.pages import PAGES
 
 FLOAT = st.floats(-1e9, 1e9)
 FLOAT32 = st.floats(-1e3, 1e3, width=32)
@@ -238,8 +238,8 @@ def test_json_is_json_to_any_tool(payload: Any) -> None:
 
 def test_the_document_has_every_channel() -> None:
     """The table for other tools names each key, and which of them are JSON."""
-    page = Path(__file__).parents[3] / "docs/pages/deployment.md"
-    rows = [row for row in page.read_text().splitlines() if row.startswith("| `swarm/")]
+    page = PAGES["deployment"].read_text()
+    rows = [row for row in page.splitlines() if row.startswith("| `swarm/")]
     for channel in CHANNELS:
         key = rf"/{channel.publisher}/.*\b{channel.name}\b"
         [row] = [row for row in rows if re.search(key, row)]

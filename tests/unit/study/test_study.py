@@ -302,8 +302,8 @@ def test_ideal_with_a_whole_iteration_a_tick_is_the_discrete_form() -> None:
 
 
 def test_stop_points_keep_real_vehicles_apart_where_positions_do_not() -> None:
-    """docs/pages/law.md#from-units-to-a-vehicle, measured: with dead time and lag the plain law
-    collides often."""
+    """docs/understand/law.md#from-units-to-a-vehicle, measured: with dead time and lag the plain
+    law collides often."""
     settings = {
         "n": (6,),
         "slots": ("random",),

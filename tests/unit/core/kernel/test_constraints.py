@@ -21,7 +21,7 @@ MARGINS = margins_of(LAW, Response(), 5.0, 5.0, 5.0)
 
 def test_the_proven_bound_lies_over_r_in() -> None:
     """D F(W tau / D) > r_in for two that are as slow as at D, with a lag a fifth over the model's
-    (docs/pages/safety.md#proven, 2)."""
+    (docs/understand/safety-evidence.md#proven, 2)."""
     response = Response()
     tau_s = 1.2 * response.lag_s + 0.3 * MARGINS.slow * 5.0 / response.acceleration_mps2
     m = 2 * MARGINS.slow * tau_s / MARGINS.keep_out

@@ -1,5 +1,5 @@
 """The law against worked cases of an independent implementation, and its properties
-(docs/pages/law.md#what-must-hold)."""
+(docs/understand/law.md#what-must-hold)."""
 
 from __future__ import annotations
 

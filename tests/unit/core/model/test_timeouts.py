@@ -1,4 +1,4 @@
-"""The tables of docs/pages/timeouts.md and safety.md have the numbers of the code."""
+"""The pages of time-outs and of the safety's evidence have the numbers of the code."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from swarm_ctl.core.model import timeouts
 from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.plan import Policies
 from swarm_ctl.mavlink.telemetry.estimate import EKF_RULES, ESTIMATOR_RULES
+from tests.unit.docs.pages import PAGES
 
 PACKAGE = Path(swarm_ctl.__file__).parent
-TABLE = (PACKAGE.parent / "docs" / "pages" / "timeouts.md").read_text()
-SAFETY = (PACKAGE.parent / "docs" / "pages" / "safety.md").read_text()
+TABLE = PAGES["timeouts"].read_text()
+SAFETY = PAGES["safety-evidence"].read_text()
 NUMBERS = sorted(
     set(re.findall(r"`((?:\w+\.)*[A-Za-z_]+)` (\d+(?:\.\d+)?)", TABLE))
     | set(re.findall(r"`(\w+\.\w+)` (\d+(?:\.\d+)?)", SAFETY))

@@ -23,6 +23,7 @@ from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.errors import MissionError
 from swarm_ctl.mission.compile.loader import dumps, load, loads
 from swarm_ctl.mission.fleet.fleet_file import read_fleet
+from tests.unit.docs.pages import PAGES
 from tests.unit.mission.example import TEXT, edited, without_section
 from tests.unit.plans import steps_of
 
@@ -466,7 +467,7 @@ def test_many_stretched_links_are_one_warning_with_what_is_enough() -> None:
 
 
 def test_the_examples_in_the_missions_page_are_right(tmp_path: Path) -> None:
-    page = (MISSIONS.parent / "docs" / "pages" / "missions.md").read_text()
+    page = PAGES["missions"].read_text()
     mission, lanes, fence, zones, boat, split, faults, fleet, routers = re.findall(
         r"```yaml\n(.*?)```", page, re.DOTALL
     )
