@@ -40,7 +40,7 @@ from swarm_ctl.cli.shared.system import FLYING, GROUND_ALONE, lacks, refuse_with
 from swarm_ctl.cli.studies.fuzz import fuzz
 from swarm_ctl.cli.studies.law import law
 from swarm_ctl.cli.studies.paper import paper
-from swarm_ctl.cli.studies.study import study
+from swarm_ctl.cli.studies.study import options_of_study, study
 from swarm_ctl.errors import InputError, SwarmError
 from swarm_ctl.installed import require, version
 
@@ -76,10 +76,29 @@ class _Command(TyperCommand):
         return super().invoke(ctx)
 
 
+class _StudyCommand(_Command):
+    """Its options are the fields of a study's file, read when they are asked for."""
+
+    _whole = False
+
+    @property
+    def params(self) -> list[Any]:
+        """With those of the fields."""
+        if not self._whole:
+            self._whole = True
+            self._params[1:1] = options_of_study()
+        return self._params
+
+    @params.setter
+    def params(self, params: list[Any]) -> None:
+        self._params = params
+
+
 for function in itertools.chain(*_COMMANDS.values()):
     # `send move -20 35`: a number, not an option
     settings = {"ignore_unknown_options": function is send}
-    app.command(cls=_Command, context_settings=settings)(function)
+    kind = _StudyCommand if function is study else _Command
+    app.command(cls=kind, context_settings=settings)(function)
 app.command(cls=_Command)(deploy)
 app.add_typer(hosts)
 app.add_typer(on_host)

@@ -112,24 +112,24 @@ class _Common(BaseModel):
     )
 
     seed: int = Field(default=1, ge=0)
-    """Of all random numbers."""
+    """Seed of all random numbers."""
     missions: int = Field(default=1000, ge=1)
-    """Per cell."""
+    """Missions for each combination."""
     law: LawParameters = LawParameters()
     """`r`, `r_out`, `r_in`, `delta_l`, `delta_a`; `own`, the name of an own law, and `parameters`,
     its numbers by name. `h` stands beside it, as a list."""
     unit_m: float = Field(default=5.0, gt=0)
     """Metres per unit."""
     tick_s: float = Field(default=0.05, gt=0)
-    """Between two commands of an agent."""
+    """Length of a tick [s]."""
     start_spacing: float = Field(default=0.0, ge=0)
     """Smallest distance between two random starts [units]; 0: twice `r_in`."""
     tolerance: float = Field(default=0.1, gt=0)
-    """The formation stands when the largest |e_i - mean e| stays under it [units] ..."""
+    """A formation stands while the largest |e_i - mean e| is under it for `settle_s` [units]."""
     settle_s: float = Field(default=1.0, ge=0)
-    """... for this long."""
+    """How long the error stays under the tolerance, for a formation that stands [s]."""
     limit_s: float = Field(default=300.0, gt=0)
-    """Missions that have not formed by then are ended."""
+    """Missions that have not formed by then are ended [s]."""
     wood_side: float = Field(default=16.0, gt=0)
     """Side of a wood [units]."""
 
@@ -218,9 +218,9 @@ class Study(_Common):
     """A study: lists (of values or of ranges) of what is varied."""
 
     n: tuple[int, ...] = (6,)
-    """Number of agents."""
+    """Number of agents; `2:50` is every number from 2 to 50."""
     shape: tuple[ShapeKind, ...] = ("ring",)
-    """Of the formation, turned at random: `ring`, `line`, `grid`, `vee`, `wedge`."""
+    """Shape of the formation, turned at random: `ring`, `line`, `grid`, `vee`, `wedge`."""
     slots: tuple[SlotOrder, ...] = ("nearest",)
     """Which agent gets which slot: in the order of the ids (`given`), `random`, or so that the ways
     are short (`nearest`)."""
@@ -243,12 +243,12 @@ class Study(_Common):
     """The agents of a mission are all alike (`mission`), or each draws its own lag, dead time,
     acceleration, delay and lateness from the range (`agent`)."""
     model_lag_s: tuple[PositiveFloat | None, ...] = (None,)
-    """The lag that the agents believe their vehicles have. None: the middle of `lag_s`, so that a
-    single true value is a perfect model; of firmwares the typical one."""
+    """The lag that the agents believe their vehicles have. Without it: the middle of `lag_s`, so
+    that a single true value is a perfect model; of firmwares the typical one."""
     model_dead_time_s: tuple[NonNegativeFloat | None, ...] = (None,)
-    """The dead time that the agents believe. None: as for the lag."""
+    """The dead time that the agents believe. Without it: as for the lag."""
     model_acceleration_mps2: tuple[PositiveFloat | None, ...] = (None,)
-    """The acceleration limit that the agents believe. None: as for the lag."""
+    """The acceleration limit that the agents believe. Without it: as for the lag."""
     h: tuple[Range, ...] = value(0.05)
     """The law's consensus gain."""
     kappa: tuple[Range, ...] = value(20.0)
@@ -266,18 +266,18 @@ class Study(_Common):
     """How old an agent's states are when they arrive."""
     jitter_s: tuple[Range, ...] = value(0.0)
     """Each state on each link is later by up to this, evenly distributed. One that arrives behind a
-    newer one is dropped, as agents do (`core.swarm.peer`)."""
+    newer one is dropped, as agents do."""
     loss: tuple[Range, ...] = value(0.0)
     """The share of states that never arrive, on each link by itself."""
     burst_s: tuple[Range, ...] = value(0.0)
     """How long a link that loses states goes on losing, on average (a Gilbert channel: all is lost
     in a burst, nothing between two); 0: each state is lost by itself."""
     wind_mps: tuple[Range, ...] = value(0.0)
-    """Constant, from a direction drawn per mission; only firmwares feel it."""
+    """A constant wind [m/s], from a direction drawn per mission; only firmwares feel it."""
     area: tuple[Range, ...] = value(0.0)
     """Side of the square of random starts [units]; 0: six in 10 x 10, more a little denser."""
     spacing: tuple[Range, ...] = value(2.0)
-    """Between adjacent slots [units]; for starts on a ring or grid as well."""
+    """Distance of adjacent slots [units]; for starts on a ring or grid as well."""
     silent: tuple[Range, ...] = value(0.0)
     """The share of missions in which agents' processes die, each in the first 20 s; the vehicle
     flies its last command until its own failsafe stops it, and stays."""
@@ -291,12 +291,12 @@ class Study(_Common):
     or a `trap`, a hedge that is open to where the agents come from. In a wood agents start in their
     shape, fly the planned way in file, and are at the goal where the shape stands behind it."""
     trunks: tuple[Range, ...] = value(28.0)
-    """How many there are in a wood of trunks."""
+    """How many trunks a wood has."""
     trunk: tuple[Range, ...] = value(0.35)
     """Mean radius of a wood's trunks [units]; of scattered ones each is up to 0.6 of it thicker or
     thinner."""
     gap: tuple[Range, ...] = value(1.0)
-    """Between two scattered trunks at least [units]; width of a gate."""
+    """The least distance between two scattered trunks [units], and the width of a gate."""
 
     @field_validator(*LISTS, *RANGES, mode="before")
     @classmethod

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
 import typer
+from typer.main import get_command
 
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.options import Processes, option
@@ -20,24 +23,56 @@ if TYPE_CHECKING:
 
 
 def _one(metavar: str, text: str, default: float | str) -> Any:
-    """An option of the study, which a file may give as well."""
+    """An option of the study's law, which a file may give as well."""
     return option(metavar, f"{text}  [default: {default}]")
-
-
-def _list(text: str, default: float | str) -> Any:
-    return _one("A,B,...", text, default)
-
-
-def _ranges(text: str, default: float | str) -> Any:
-    return _one("X,LOW:HIGH,...", text, default)
 
 
 Given: TypeAlias = str | None
 LEAGUE_H: Final = 0.2
-_MODEL = "the middle of --{} (so one value is a perfect model); of a firmware its typical one"
+_HAND_MADE: Final = ("law", "about", "by")
+"""Fields of a study's file that are no list, range or number."""
+_UNIT: Final = re.compile(r"(?<!unit)_(s|mps|mps2)$")
+_GIVEN: Final = "swarm_ctl.study"
+
+
+def options_of_study() -> list[Any]:
+    """One for each field of a study's file, with its help, as typer makes them."""
+    from swarm_ctl.study.parameter_space import RANGES
+    from swarm_ctl.study.study_file import StudyFile
+
+    kinds = dict[str, Any]()
+    for name, field in StudyFile.model_fields.items():
+        if name in _HAND_MADE:
+            continue
+        listed = isinstance(field.default, tuple)
+        metavar = "X,LOW:HIGH,..." if name in RANGES else "A,B,..." if listed else "NUMBER"
+        values = field.default if listed else (field.default,)
+        default = "" if None in values else f"  [default: {','.join(map(str, values))}]"
+        text = " ".join(str(field.description).replace("`", "").split())
+        flag = f"--{_UNIT.sub('', name).replace('_', '-')}"
+        asked = option(metavar, text + default, flag, callback=_keep, expose_value=False)
+        kinds[name] = Annotated[str | None, asked]
+
+    def fields() -> None:
+        """Stands for a command that has them."""
+
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    fields.__annotations__ = kinds
+    fields.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        [inspect.Parameter(n, keyword, default=None, annotation=k) for n, k in kinds.items()]
+    )
+    app = typer.Typer(add_completion=False)
+    app.command()(fields)
+    return list(get_command(app).params)
+
+
+def _keep(context: typer.Context, parameter: typer.CallbackParam, given: str | None) -> None:
+    if given is not None:
+        context.meta.setdefault(_GIVEN, {})[parameter.name] = given
 
 
 def study(
+    context: typer.Context,
     file: Annotated[
         Path | None,
         typer.Argument(metavar="STUDY", help="A study file; options come before what it says."),
@@ -50,96 +85,11 @@ def study(
             " study file's name]",
         ),
     ] = None,
-    missions: Annotated[Given, _one("NUMBER", "Missions for each combination.", 1000)] = None,
-    seed: Annotated[Given, _one("NUMBER", "Seed of all random numbers.", 1)] = None,
     processes: Processes = None,
     cluster: Annotated[
         str | None,
         option("SCHEDULER", "Fly on a Dask cluster: local, a scheduler's address, or its file."),
     ] = None,
-    n: Annotated[Given, _list("Number of agents; 2:50 is every number from 2 to 50.", 6)] = None,
-    shape: Annotated[Given, _list("ring, line, grid, vee, wedge.", "ring")] = None,
-    slots: Annotated[
-        Given, _list("How slots are assigned: given, random, nearest.", "nearest")
-    ] = None,
-    start: Annotated[
-        Given,
-        _list("Where agents start: random, ring, grid, table2, crossing, antipodal.", "random"),
-    ] = None,
-    compensation: Annotated[
-        Given, _list("What the law is fed with: stop_point, none (the position).", "stop_point")
-    ] = None,
-    vehicle: Annotated[
-        Given, _list("ideal, lag (dead time and first-order lag), ardupilot, px4.", "lag")
-    ] = None,
-    safety: Annotated[
-        Given,
-        _list("off, filter, guard, release, align, exchange; each includes those before.", "align"),
-    ] = None,
-    silent: Annotated[Given, _ranges("Share of missions in which agents die.", 0)] = None,
-    silent_agents: Annotated[
-        Given, _ranges("How many die in these; under 1: which share of the agents.", 1)
-    ] = None,
-    h: Annotated[Given, _ranges("The law's consensus gain h.", 0.05)] = None,
-    kappa: Annotated[Given, _ranges("The law's iterations a second.", 20)] = None,
-    speed: Annotated[Given, _list("Speed limit of the agents, in m/s.", 5)] = None,
-    lag: Annotated[Given, _ranges("True lag of the vehicles `lag`, in seconds.", 0.5)] = None,
-    dead_time: Annotated[
-        Given, _ranges("True dead time of the vehicles `lag`, in seconds.", 0.4)
-    ] = None,
-    acceleration: Annotated[
-        Given, _ranges("True acceleration limit of the vehicles `lag`, in m/s2.", 2.8)
-    ] = None,
-    late: Annotated[
-        Given,
-        _ranges("So much later all vehicles answer, unknown to agents, in seconds; or earlier.", 0),
-    ] = None,
-    lag_error: Annotated[
-        Given, _ranges("So much longer the true lag is, unknown to agents; or shorter.", 0)
-    ] = None,
-    spread: Annotated[
-        Given,
-        _list(
-            "mission, agent: what draws lag, dead time, acceleration, delay, lateness.", "mission"
-        ),
-    ] = None,
-    model_lag: Annotated[Given, _list("Lag that the agents believe.", _MODEL.format("lag"))] = None,
-    model_dead_time: Annotated[
-        Given, _list("Dead time that they believe.", _MODEL.format("dead-time"))
-    ] = None,
-    model_acceleration: Annotated[
-        Given, _list("Acceleration limit that they believe.", _MODEL.format("acceleration"))
-    ] = None,
-    delay: Annotated[Given, _ranges("Age of a state when it arrives, in seconds.", 0)] = None,
-    jitter: Annotated[
-        Given, _ranges("Each state is later by up to this, in seconds; some overtake.", 0)
-    ] = None,
-    loss: Annotated[Given, _ranges("Share of states that are lost.", 0)] = None,
-    burst: Annotated[
-        Given, _ranges("Mean length of a burst of losses, in seconds; 0: single losses.", 0)
-    ] = None,
-    wind: Annotated[
-        Given, _ranges("Wind in m/s; only the vehicles ardupilot and px4 feel it.", 0)
-    ] = None,
-    area: Annotated[
-        Given, _ranges("Side of the square of random starts, in units; 0: chosen by n.", 0)
-    ] = None,
-    spacing: Annotated[Given, _ranges("Distance of adjacent slots, in units.", 2)] = None,
-    start_spacing: Annotated[
-        Given, _one("UNITS", "Least distance of random starts; 0: twice --r-in.", 0)
-    ] = None,
-    wood: Annotated[
-        Given,
-        _list(
-            "What is flown through in file: none, trunks, gate, trap (open to the start).", "none"
-        ),
-    ] = None,
-    trunks: Annotated[Given, _ranges("How many trunks a wood has.", 28)] = None,
-    trunk: Annotated[Given, _ranges("Mean radius of trunks, in units.", 0.35)] = None,
-    gap: Annotated[
-        Given, _ranges("Between trunks at least, and the width of a gate, in units.", 1)
-    ] = None,
-    wood_side: Annotated[Given, _one("UNITS", "Side of a wood.", 16)] = None,
     r: Annotated[Given, _one("UNITS", "Interaction range.", 4.5)] = None,
     r_out: Annotated[Given, _one("UNITS", "Outer radius.", 1.5)] = None,
     r_in: Annotated[Given, _one("UNITS", "Inner radius.", 0.5)] = None,
@@ -157,9 +107,6 @@ def study(
     parameters: Annotated[
         Given, _one("NAME=VALUE,...", "Numbers of the --law.", "the law's own")
     ] = None,
-    unit_m: Annotated[Given, _one("METRES", "Length of a unit.", 5)] = None,
-    limit: Annotated[Given, _one("SECONDS", "End a mission that has not formed then.", 300)] = None,
-    tick: Annotated[Given, _one("SECONDS", "Length of a tick.", 0.05)] = None,
     by: Annotated[
         Given, option("A,B,...", "Make the table's rows by these only.  [default: all that vary]")
     ] = None,
@@ -235,45 +182,7 @@ def study(
         return
     in_law = {"r": r, "r_out": r_out, "r_in": r_in, "delta_l": delta_l, "delta_a": delta_a}
     given = {
-        "seed": seed,
-        "missions": missions,
-        "limit_s": limit,
-        "tick_s": tick,
-        "unit_m": unit_m,
-        "start_spacing": start_spacing,
-        "n": n,
-        "shape": shape,
-        "slots": slots,
-        "start": start,
-        "compensation": compensation,
-        "vehicle": vehicle,
-        "safety": safety,
-        "h": h,
-        "kappa": kappa,
-        "speed_mps": speed,
-        "lag_s": lag,
-        "dead_time_s": dead_time,
-        "acceleration_mps2": acceleration,
-        "late_s": late,
-        "lag_error_s": lag_error,
-        "spread": spread,
-        "model_lag_s": model_lag,
-        "model_dead_time_s": model_dead_time,
-        "model_acceleration_mps2": model_acceleration,
-        "delay_s": delay,
-        "jitter_s": jitter,
-        "loss": loss,
-        "burst_s": burst,
-        "wind_mps": wind,
-        "area": area,
-        "spacing": spacing,
-        "silent": silent,
-        "silent_agents": silent_agents,
-        "wood": wood,
-        "trunks": trunks,
-        "trunk": trunk,
-        "gap": gap,
-        "wood_side": wood_side,
+        **context.meta.get(_GIVEN, {}),
         "law": _those(in_law | {"own": law, "parameters": _numbers(parameters)}),
         "by": by,
     }
@@ -282,7 +191,7 @@ def study(
         if parameters is not None:
             raise InputError("--parameters: allowed: with one law")
         # as missions fly it; a study's own default is the gain that is safe without the filter
-        given |= {"law": _those(in_law), "h": h or str(LEAGUE_H)}
+        given = {"h": str(LEAGUE_H)} | given | {"law": _those(in_law)}
     said = study_file(file, _those(given))
     plan = said.study
     require_writable(out, "choose with --out")
