@@ -117,13 +117,13 @@ class Landing:
         vehicle, view, now = self._vehicle, tick.view, tick.now
         # A vehicle that was asked to arm a moment ago may still do so: only what it says well
         # after that counts.
-        down = self._on_ground(tick) and now - vehicle.arming_s > _ARMING_S
+        down = self._on_ground(tick) and not _lately(vehicle.arming_s, now, _ARMING_S)
         killed = trigger.action is FailsafeAction.KILL
-        since_s = now - self._interruption.since_s
+        since_s = self._interruption.since_s
         # An agent that has just started may not know yet that its vehicle is armed.
-        unsure = killed and not vehicle.was_armed and since_s <= _ARMING_S
+        unsure = killed and not vehicle.was_armed and _lately(since_s, now, _ARMING_S)
         # Its peers wait for its word, which it has with its first position.
-        unsure |= left and tick.newest_fix is None and since_s <= _TELL_S
+        unsure |= left and tick.newest_fix is None and _lately(since_s, now, _TELL_S)
         if not unsure and (down or tick.vehicle_silent_s > _GONE_VEHICLE_S):
             return self.end(now)
         if killed:
@@ -315,7 +315,7 @@ class Landing:
             self._disarmed_since = None
             return False
         since = self._disarmed_since
-        self._disarmed_since = tick.now if since is None else since
+        self._disarmed_since = tick.now if since is None else min(since, tick.now)
         return tick.view.on_ground or tick.now - self._disarmed_since > _DISARMED_S
 
     @property
@@ -364,3 +364,9 @@ class Landing:
 
 def _stands(velocity_ned_mps: Vector3) -> bool:
     return math.hypot(*velocity_ned_mps[:2]) < _STANDING_MPS
+
+
+def _lately(at_s: float, now: float, seconds: float) -> bool:
+    """It was at most so long ago. One that lies ahead was told by a clock that was set back: it
+    waits for no time that went by before."""
+    return 0.0 <= now - at_s <= seconds
