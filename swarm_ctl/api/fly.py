@@ -72,13 +72,12 @@ class Flying:
         self._runs.mkdir(parents=True, exist_ok=True)
         # beside the run folders, which have what is looked for: this one has the mission's file
         where = Path(tempfile.mkdtemp(prefix=f".{self._mission.plan.name}-", dir=self._runs))
-        more = [] if self._vehicles is None else ["--vehicles", self._vehicles]
         return ProcessFlight(
             self._mission,
             where,
             self._speedup,
             self._seed,
-            more,
+            vehicles=self._vehicles,
             apart=True,
             runs=self._runs,
             scenario=self._scenario,

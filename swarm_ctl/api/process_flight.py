@@ -1,17 +1,13 @@
-"""A flight with real processes: `swarm-ctl run` in its own folder and on its own ports."""
+"""A flight with real processes, in its own folder and on its own ports."""
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import os
 import signal
-import subprocess
-import sys
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import IO
 
 from pydantic import TypeAdapter
 
@@ -21,9 +17,14 @@ from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.model.messages import AgentStatus, Event
 from swarm_ctl.core.model.messages import Phase as AgentPhase
 from swarm_ctl.engine.clock import pause, wall_s
+from swarm_ctl.engine.flying_runs import PROCESSES
+from swarm_ctl.engine.launch.flight_process import FlightProcess, ProgramFlight
+from swarm_ctl.engine.launch.run_setup import Lockstep, RunOptions
 from swarm_ctl.engine.lockstep.seat import STATION, TEST, BarrierSeat
 from swarm_ctl.engine.lockstep.words import TickPhase
+from swarm_ctl.engine.protection import Keys
 from swarm_ctl.engine.station.run_client import RunClient
+from swarm_ctl.engine.station.screens import Show
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps
 from swarm_ctl.report.judge.summary import SUMMARY, Summary
@@ -32,7 +33,7 @@ from swarm_ctl.runfolder.manifest import read_manifest
 from swarm_ctl.runfolder.truth import TRUTH, EventKind, load_truth
 from swarm_ctl.station.picture.view import SwarmView
 from swarm_ctl.virtual.as_processes import run_script
-from swarm_ctl.virtual.scenario import Scenario, mission_source, scenario_text
+from swarm_ctl.virtual.scenario import Scenario
 
 _START_WALL_S = 80.0
 """`run` itself gives its processes 40 s, and says then which one did not start."""
@@ -43,7 +44,8 @@ _LOCKSTEP_END_WALL_S = 120.0
 """From the last agent's end to the run's, in lockstep."""
 _AGAIN_WALL_S = 0.8
 """Two presses of Ctrl-C, and not one."""
-_ENDED_BY = b"ended by its program"
+_ENDED_BY = "ended by its program"
+_LAST_LINES = 20
 _LAND_WALL_S = 300.0
 _KILL_WALL_S, _SHORT_WALL_S = 10.0, 0.002
 
@@ -53,13 +55,16 @@ class ProcessFlight(SwarmFlight):
 
     Args:
         mission: to fly.
-        where: for the mission's file and the run's output.
-        runs: where the run folder is made; None: in `where`.
+        where: for what the flight's process is told, and its log.
         speedup: in real time, so many times as fast; None: in lockstep, and while the test does not
             wait, mission time stands still.
         seed: of all random numbers.
-        arguments: more of `swarm-ctl run`.
+        vehicles: the kinds of those that the run starts; None: the fleet's.
         apart: Ctrl-C in the terminal does not reach the run.
+        runs: where the run folder is made; None: in `where`.
+        scenario: what befalls it; it has its own seed.
+        report: one is made at the end.
+        tlog: each vehicle's MAVLink frames are recorded.
     """
 
     _cut = False
@@ -71,47 +76,40 @@ class ProcessFlight(SwarmFlight):
         where: Path,
         speedup: float | None,
         seed: int = 1,
-        arguments: Sequence[str] = (),
         *,
+        vehicles: str | None = None,
         apart: bool = False,
         runs: Path | None = None,
         scenario: Scenario | None = None,
+        report: bool = True,
+        tlog: bool = True,
     ) -> None:
         super().__init__(mission.plan, scenario)
         self._struck: dict[str, signal.Signals] = {}
         """Processes that a signal is to come to, after the next tick."""
         self._seat: BarrierSeat | None = None
         self._client: RunClient | None = None
+        if scenario is not None and speedup is not None:
+            raise InputError(
+                f"speedup={speedup:g}: a scenario flies in lockstep; allowed: no speedup"
+            )
         where.mkdir(parents=True, exist_ok=True)
-        file = where / ("mission.yaml" if scenario is None else "scenario.yaml")
-        self._named = str(file)
-        if scenario is None:
-            file.write_text(dumps(mission.file))
-        else:
-            self._named = _write_scenario(file, scenario, mission, speedup)
-        self._where = where
-        self._before = {path.parent for path in (runs or where).glob("*/processes.json")}
-        self._log: IO[bytes] = (where / "run.log").open("wb")
-        command = [sys.executable, "-m", "swarm_ctl.cli.main", "run", str(file), "--headless"]
-        command += [] if scenario is not None else ["--seed", str(seed)]
-        command += ["--runs", str(runs or where), "--speedup"]
-        command += ["max", "--lockstep-with", TEST] if speedup is None else [str(speedup)]
-        command += arguments
-        # Its end is ours, however this program ends: then the swarm lands.
-        theirs, self._lifeline = os.pipe()
-        command += ["--lifeline", str(theirs)]
-        self._process = subprocess.Popen(
-            command,
-            pass_fds=(theirs,),
-            stdin=subprocess.DEVNULL,
-            stdout=self._log,
-            stderr=subprocess.STDOUT,
-            process_group=0 if apart else None,
+        options = RunOptions(
+            speedup=speedup or 1.0,
+            show=Show.LOG,
+            runs=runs or where,
+            seed=seed if scenario is None else scenario.seed,
+            tlog=tlog,
+            lockstep=Lockstep(further=(TEST,)) if speedup is None else None,
+            keys=Keys(fleet_file=str(mission.source)),
+            script=None if scenario is None else run_script(scenario, mission.plan),
         )
-        os.close(theirs)
+        named = str(mission.source.absolute())
+        flight = ProgramFlight(dumps(mission.file), named, options, vehicles, report)
+        self._process = FlightProcess(where, flight, apart=apart)
         try:
-            self.folder = self._wait_started(where, runs or where)
-            self._pids: dict[str, int] = json.loads((self.folder / "processes.json").read_text())
+            self.folder = self._wait_started(options.runs)
+            self._pids: dict[str, int] = json.loads((self.folder / PROCESSES).read_text())
             if (address := read_manifest(self.folder).lockstep) is not None:
                 self._seat = BarrierSeat(address, TickPhase.AFTER, 1.0)
             self._client = RunClient(self.folder, self._seat)
@@ -119,24 +117,16 @@ class ProcessFlight(SwarmFlight):
             self.close()
             raise
 
-    def _wait_started(self, where: Path, runs: Path) -> Path:
-        """The folder in `runs` of the run that flies the mission file in `where`."""
-        until, named = wall_s() + _START_WALL_S, self._named
-        while not (
-            found := [
-                file
-                for file in runs.glob("*/processes.json")
-                if file.parent not in self._before and read_manifest(file.parent).mission == named
-            ]
-        ):
-            if self._process.poll() is not None or wall_s() > until:
-                raise FlightError(f"the run did not start:\n{self._tail(where)}")
+    def _wait_started(self, runs: Path) -> Path:
+        """The folder of the run in `runs`."""
+        until, seen = wall_s() + _START_WALL_S, set[Path]()
+        while not self._process.over and wall_s() < until:
+            for folder in {path.parent for path in runs.glob(f"*/{PROCESSES}")} - seen:
+                if read_manifest(folder).process == self._process.pid:
+                    return folder
+                seen.add(folder)
             pause(_POLL_WALL_S)
-        return found[0].parent
-
-    @staticmethod
-    def _tail(where: Path) -> str:
-        return "\n".join((where / "run.log").read_text(errors="replace").splitlines()[-20:])
+        raise FlightError(f"the run did not start:\n{self._process.said(_LAST_LINES)}")
 
     @property
     def now(self) -> float:
@@ -165,7 +155,7 @@ class ProcessFlight(SwarmFlight):
     def over(self) -> bool:
         """The run has ended, or in lockstep its last agent."""
         no_agent = self._seat is not None and self._seat.agents == 0
-        return no_agent or self._process.poll() is not None
+        return no_agent or self._process.over
 
     def give(self, order: Order) -> SentCommand:
         return self._mesh.give(order)
@@ -244,16 +234,13 @@ class ProcessFlight(SwarmFlight):
     def finish(self, within_s: float | None = None) -> FlightResult:
         __tracebackhide__ = True
         within_s = self.bound_s if within_s is None else within_s
-        try:
-            self._fly_on(within_s)
-        except subprocess.TimeoutExpired:
-            why = f"the run did not end within {within_s:g} s; see {self.folder}"
-            raise FlightError(why) from None
+        if not self._flown(within_s):
+            raise FlightError(f"the run did not end within {within_s:g} s; see {self.folder}")
         self.close()
         folder = self.folder
         summary = self._summary()
         if summary is None:
-            raise FlightError(f"the run left no summary:\n{self._tail(self._where)}")
+            raise FlightError(f"the run left no summary:\n{self._process.said(_LAST_LINES)}")
         final = [each for each in summary.agents if each.account == "final"]
         outcomes = {each.agent: str(each.outcome) for each in final}
         apart_m = math.inf if summary.min_distance_m is None else summary.min_distance_m
@@ -273,16 +260,15 @@ class ProcessFlight(SwarmFlight):
             folder=folder,
         )
 
-    def _fly_on(self, within_s: float) -> None:
-        """Until `run` has ended; in lockstep the test leaves the barrier with the last agent."""
+    def _flown(self, within_s: float) -> bool:
+        """Until the run has ended, and whether it has; in lockstep the test leaves the barrier with
+        the last agent."""
         if self._seat is not None:
             self.wait_s(within_s)
             self._leave()
-            self._process.wait(_LOCKSTEP_END_WALL_S)
-            return
+            return self._process.wait(_LOCKSTEP_END_WALL_S)
         self._leave()
-        speedup = read_manifest(self.folder).speedup
-        self._process.wait(_END_WALL_S + within_s / speedup)
+        return self._process.wait(_END_WALL_S + within_s / read_manifest(self.folder).speedup)
 
     def _leave(self) -> None:
         self._signal_struck()
@@ -292,46 +278,20 @@ class ProcessFlight(SwarmFlight):
 
     def land(self) -> None:
         self._leave()
-        if self._process.poll() is None:
-            with contextlib.suppress(OSError):  # it has ended meanwhile
-                os.write(self._lifeline, _ENDED_BY)
-            try:
-                self._process.wait(_LAND_WALL_S)
-            except subprocess.TimeoutExpired:
-                why = f"the swarm did not land within {_LAND_WALL_S:g} s; see {self.folder}"
-                raise FlightError(why) from None
+        self._process.land(_ENDED_BY)
+        if not self._process.wait(_LAND_WALL_S):
+            why = f"the swarm did not land within {_LAND_WALL_S:g} s; see {self.folder}"
+            raise FlightError(why)
 
     def close(self) -> None:
         """Interrupt the run twice, as an impatient operator does: it ends all its processes."""
         self._leave()
-        self._cut = self._cut or self._process.poll() is None
+        self._cut = self._cut or not self._process.over
         for _ in range(2):
-            if self._process.poll() is None:
-                self._process.send_signal(signal.SIGINT)
-                with contextlib.suppress(subprocess.TimeoutExpired):
-                    self._process.wait(_AGAIN_WALL_S)
-        try:
-            self._process.wait(_END_WALL_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()  # its children notice through their pipes and land
-            self._process.wait()
-        self._log.close()
-        if self._lifeline >= 0:
-            os.close(self._lifeline)
-            self._lifeline = -1
-
-
-def _write_scenario(
-    file: Path, scenario: Scenario, mission: LoadedMission, speedup: float | None
-) -> str:
-    """Where it can be flown from; what its run calls its mission."""
-    if speedup is not None:
-        raise InputError(f"speedup={speedup:g}: a scenario flies in lockstep; allowed: no speedup")
-    run_script(scenario, mission.plan)  # refuses what processes can't do
-    if isinstance(scenario.mission, str):
-        scenario = scenario.model_copy(update={"mission": str(mission.source.absolute())})
-    file.write_text(scenario_text(scenario))
-    return str(mission_source(scenario, file.parent))
+            self._process.interrupt()
+            self._process.wait(_AGAIN_WALL_S)
+        self._process.wait(_END_WALL_S)
+        self._process.kill()
 
 
 def _lives(pid: int) -> bool:

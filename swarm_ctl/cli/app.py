@@ -36,11 +36,11 @@ from swarm_ctl.cli.results.report import compare, report
 from swarm_ctl.cli.security.trust import trust
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.gcs_option import with_port
-from swarm_ctl.cli.shared.system import FLYING, GROUND_ALONE, lacks, refuse_without
 from swarm_ctl.cli.studies.fuzz import fuzz
 from swarm_ctl.cli.studies.law import law
 from swarm_ctl.cli.studies.paper import paper
 from swarm_ctl.cli.studies.study import options_of_study, study
+from swarm_ctl.engine.system import FLYING, GROUND_ALONE, lacks, refuse_without
 from swarm_ctl.errors import InputError, SwarmError
 from swarm_ctl.installed import require, version
 

@@ -6,16 +6,17 @@ from __future__ import annotations
 import itertools
 import os
 import signal
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 from typing import Final
 
+from swarm_ctl.engine.launch.flight_process import FlightProcess, ProgramFlight
+from swarm_ctl.engine.launch.run_setup import Lockstep, RunOptions
+from swarm_ctl.engine.station.screens import Show
 from swarm_ctl.errors import InputError
-from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.mission.compile.loader import LoadedMission, dumps
 from swarm_ctl.virtual.as_processes import run_script
-from swarm_ctl.virtual.scenario import Scenario, scenario_text
+from swarm_ctl.virtual.scenario import Scenario
 from swarm_ctl.virtual.scenario_flight import fly_scenario
 
 _TRUTH: Final = "truth.jsonl"
@@ -23,23 +24,30 @@ _ENDS_WALL_S: Final = 900.0
 """Many times what eight agents take on a quiet machine."""
 _PATIENCE_WALL_S: Final = 120.0
 """However busy the machine is, no process takes so long for a tick."""
+_LINES: Final = 20
 
 
 def unlike_as_processes(scenario: Scenario, mission: LoadedMission) -> str:
     """What became otherwise, or ''. '' also where something in the scenario can't happen to
     processes, and where a flight reaches its bound, which processes do not have."""
     try:
-        run_script(scenario, mission.plan)
+        script = run_script(scenario, mission.plan)
     except InputError:
         return ""
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
-        path = folder / "scenario.yaml"
-        path.write_text(scenario_text(scenario), encoding="utf-8")
         virtual = fly_scenario(scenario, mission, folder / "virtual")
         if virtual.up:
             return ""
-        said = _run(path)
+        options = RunOptions(
+            show=Show.LOG,
+            runs=folder / "runs",
+            seed=scenario.seed,
+            lockstep=Lockstep(patience_wall_s=_PATIENCE_WALL_S),
+            script=script,
+        )
+        named = str(mission.source)
+        said = _flown(folder, ProgramFlight(dumps(mission.file), named, options, report=False))
         if said is None:
             return f"processes had not ended after {_ENDS_WALL_S:g} s"
         runs = [*(folder / "runs").glob("*")]
@@ -54,25 +62,12 @@ def unlike_as_processes(scenario: Scenario, mission: LoadedMission) -> str:
     return f"truth is another one, first by this line: {other[:200]}" if other else ""
 
 
-def _run(path: Path) -> str | None:
-    """What `run` says of it; None: it did not end, and was killed."""
-    command = [sys.executable, "-m", "swarm_ctl.cli.main", "run", str(path), "--headless"]
-    with (path.parent / "said.txt").open("w+", encoding="utf-8") as said:
-        running = subprocess.Popen(
-            [*command, "--no-report", "--lockstep-patience", f"{_PATIENCE_WALL_S:g}"],
-            cwd=path.parent,
-            stdin=subprocess.DEVNULL,
-            stdout=said,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
-        try:
-            running.wait(_ENDS_WALL_S)
-        except subprocess.TimeoutExpired:
-            return None
-        finally:
-            if running.poll() is None:  # also where this process is ended meanwhile
-                os.killpg(running.pid, signal.SIGKILL)
-                running.wait()
-        said.seek(0)
-        return said.read()
+def _flown(folder: Path, flight: ProgramFlight) -> str | None:
+    """What its process said; None: it did not end, and was killed with its children."""
+    running = FlightProcess(folder, flight, apart=True)
+    try:
+        return running.said(_LINES) if running.wait(_ENDS_WALL_S) else None
+    finally:
+        if not running.over:  # also where this process is ended meanwhile
+            os.killpg(running.pid, signal.SIGKILL)
+        running.kill()

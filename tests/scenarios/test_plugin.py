@@ -73,7 +73,7 @@ def test_a_flight_with_processes_is_the_same_again(tmp_path: Path) -> None:
     truth and events are the same, byte for byte. As the fixture flies it, but without reports."""
     folders = []
     for name in ("one", "other"):
-        flight = ProcessFlight(loads(TRIO), tmp_path / name, None, 3, ["--no-report"])
+        flight = ProcessFlight(loads(TRIO), tmp_path / name, None, 3, report=False)
         with closing(flight):
             flown_by_a_user(flight)
             flight.wait_s(6)  # in which agent 3 is missed

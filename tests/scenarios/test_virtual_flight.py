@@ -111,9 +111,8 @@ def test_a_scenario_that_a_test_flies_twice(tmp_path: Path) -> None:
     inline = yaml.safe_load(SCENARIO) | {"mission": yaml.safe_load(LOW.read_text())}
     scenario, mission = scenario_of(yaml.safe_dump(inline))
     one = VirtualFlight(mission, scenario=scenario).finish()
-    processes = ["--no-report", "--no-tlog"]
     with closing(
-        ProcessFlight(mission, tmp_path, None, arguments=processes, scenario=scenario)
+        ProcessFlight(mission, tmp_path, None, scenario=scenario, report=False, tlog=False)
     ) as flight:
         other = flight.finish()
     assert one.truth is not None

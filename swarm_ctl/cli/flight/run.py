@@ -30,7 +30,6 @@ from swarm_ctl.cli.shared.options import (
     zenoh_settings,
 )
 from swarm_ctl.cli.shared.result import exit_code, show_summary
-from swarm_ctl.cli.shared.system import lacks_for_lockstep, refuse_without
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.errors import InputError
 
@@ -138,7 +137,6 @@ def run(
     factor = _factor(speedup)
     stepped, scripted = None, is_scenario(mission)
     if lockstep or scripted or speedup == "max":
-        refuse_without(lacks_for_lockstep(), "lockstep", "run without --lockstep or --speedup max")
         stepped = Lockstep(factor, patience, tuple(lockstep_with or ()))
     show = shown(headless=headless, json=json)
     console = PlainConsole(stderr=json)

@@ -12,7 +12,6 @@ import typer
 
 from swarm_ctl.cli.security.trust_vehicle import vehicle
 from swarm_ctl.cli.shared.options import option, switch
-from swarm_ctl.cli.shared.system import lacks, refuse_without
 from swarm_ctl.cli.shared.trust_folder import (
     RESTART,
     fleet_of,
@@ -25,6 +24,7 @@ from swarm_ctl.cli.shared.trust_folder import (
     terms,
     trust_folder,
 )
+from swarm_ctl.engine.system import lacks, refuse_without
 from swarm_ctl.errors import TrustError
 from swarm_ctl.installed import require
 from swarm_ctl.trust.names import KeyHolder, Role, swarm_named_after

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from swarm_ctl.cli.shared.system import GROUND_ALONE, lacks, lacks_for_lockstep
+from swarm_ctl.engine.system import GROUND_ALONE, lacks, lacks_for_lockstep
 from swarm_ctl.engine.vehicles.instances import GCS_PORT
 
 AGENTS_A_CORE: Final = 16

@@ -36,6 +36,7 @@ from swarm_ctl.engine.script import NO_SCRIPT, AgentScript, RunScript
 from swarm_ctl.engine.served import NO_PORTS, ServedPorts
 from swarm_ctl.engine.station.screens import Show
 from swarm_ctl.engine.station.scripted_operator import SCRIPT, SCRIPT_JSON
+from swarm_ctl.engine.system import lacks_for_lockstep, refuse_without
 from swarm_ctl.engine.vehicle_memory import state_folder
 from swarm_ctl.engine.vehicles.binaries import find
 from swarm_ctl.engine.vehicles.homes import start_of
@@ -323,7 +324,8 @@ def _orders(mission: LoadedMission, options: RunOptions) -> tuple[VehicleOrder, 
 
 
 def _refuse_lockstep(agents: Sequence[FleetAgent]) -> None:
-    """InputError where a vehicle has a clock of its own."""
+    """InputError where this system can't, or where a vehicle has a clock of its own."""
+    refuse_without(lacks_for_lockstep(), "lockstep", "run without --lockstep or --speedup max")
     for agent in agents:
         if agent.endpoint is not None:
             raise InputError(

@@ -61,9 +61,10 @@ def load(
     return _build(yaml_file.read(path), path, None if fleet is None else Path(fleet), vehicles)
 
 
-def loads(text: str, name: str = "mission.yaml") -> LoadedMission:
-    """Load a mission from text; a fleet file is looked for in the directory of `name`."""
-    return _build(yaml_file.parse(text, name), Path(name), None)
+def loads(text: str, name: str = "mission.yaml", *, vehicles: str | None = None) -> LoadedMission:
+    """Load a mission from text, as `load`; a fleet file is looked for in the directory of
+    `name`."""
+    return _build(yaml_file.parse(text, name), Path(name), None, vehicles)
 
 
 def dumps(file: MissionFile) -> str:
