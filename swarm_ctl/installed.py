@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import subprocess
 from importlib import metadata
+from pathlib import Path
 from typing import Final
 
 from swarm_ctl.errors import StartError
@@ -18,6 +20,26 @@ def version() -> str:
         return metadata.version("swarm-ctl")
     except metadata.PackageNotFoundError:
         return "0+unknown"  # a source tree that is not installed
+
+
+def commit() -> str:
+    """What this package was built of, or the commit of the checkout that it runs from: twelve
+    digits, with `+` where files were changed; '' where neither is known."""
+    package = Path(__file__).parent
+    kept, root = package / "commit.txt", package.parent
+    if kept.exists():
+        told = kept.read_text()
+    elif (root / ".git").exists():
+        words = ("describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+")
+        git = ["git", "-C", str(root), *words]
+        try:
+            told = subprocess.run(git, capture_output=True, text=True, check=False).stdout
+        except FileNotFoundError:
+            return ""
+    else:
+        return ""
+    found = re.fullmatch(r"([0-9a-f]{12})[0-9a-f]*(\+?)", told.strip())
+    return f"{found[1]}{found[2]}" if found else ""
 
 
 def require(extra: str, what: str) -> None:

@@ -35,14 +35,14 @@ from swarm_ctl.cli.results.replay import replay
 from swarm_ctl.cli.results.report import compare, report
 from swarm_ctl.cli.security.trust import trust
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.options import filled
+from swarm_ctl.cli.shared.gcs_option import with_port
 from swarm_ctl.cli.studies.fuzz import fuzz
 from swarm_ctl.cli.studies.law import law
 from swarm_ctl.cli.studies.paper import paper
 from swarm_ctl.cli.studies.study import options_of_study, study
 from swarm_ctl.engine.system import FLYING, GROUND_ALONE, lacks, refuse_without
 from swarm_ctl.errors import InputError, SwarmError
-from swarm_ctl.installed import require, version
+from swarm_ctl.installed import commit, require, version
 
 app = typer.Typer(
     name="swarm-ctl",
@@ -63,8 +63,8 @@ _COMMANDS: Final[dict[str, tuple[Callable[..., None], ...]]] = {
 
 class _Command(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Some options may stand without their value."""
-        return super().parse_args(ctx, filled(args))
+        """`--gcs` may stand without a port."""
+        return super().parse_args(ctx, with_port(args))
 
     def invoke(self, ctx: Any) -> Any:
         """Refuse to start where the system can't fly, or the command's extra is not installed."""
@@ -110,7 +110,8 @@ app.add_typer(trust)
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        sys.stdout.write(f"swarm-ctl {version()}\n")
+        built_of = f" (commit {known})" if (known := commit()) else ""
+        sys.stdout.write(f"swarm-ctl {version()}{built_of}\n")
         raise typer.Exit
 
 
@@ -119,7 +120,10 @@ def top(
     version: Annotated[
         bool,
         typer.Option(
-            "--version", help="Show the version and exit.", is_eager=True, callback=_show_version
+            "--version",
+            help="Show version and commit, and exit.",
+            is_eager=True,
+            callback=_show_version,
         ),
     ] = False,
 ) -> None:

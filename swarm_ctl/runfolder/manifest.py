@@ -11,6 +11,7 @@ from typing import Any, Final
 from pydantic import AwareDatetime, Field
 
 from swarm_ctl.core.model.fleet import routers_of
+from swarm_ctl.installed import commit
 from swarm_ctl.mission.compile.plan_file import PlanAndFleet
 from swarm_ctl.runfolder.files import read_model, write_model
 
@@ -102,9 +103,10 @@ class Manifest(PlanAndFleet):
 
 
 def package_versions() -> dict[str, str]:
-    """Of Python, this program and some libraries."""
+    """Of Python, this program, with its commit where that is known, and some libraries."""
+    built_of = {"commit": known} if (known := commit()) else {}
     versions = {name: metadata.version(name) for name in _PACKAGES}
-    return {"python": platform.python_version()} | versions
+    return {"python": platform.python_version()} | built_of | versions
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
+import tarfile
 import time
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -85,3 +88,29 @@ def test_the_core_flies_a_plan(core: Path, tmp_path: Path) -> None:
         for each in told:
             assert each.startswith("agent: ready\n")
             assert each.endswith("agent: completed\n")
+
+
+def test_a_checkout_and_its_sdist_make_the_same_wheel_that_knows_its_commit(tmp_path: Path) -> None:
+    """The same bytes from another folder, with other times and another umask."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("no git here")
+    source, unpacked = tmp_path / "source", tmp_path / "elsewhere" / "unpacked"
+    git = str(shutil.which("git"))
+    subprocess.run([git, "clone", "--quiet", ROOT, source], check=True, umask=0o077)
+    (sdist,) = _built(source, "sdist")
+    (wheel,) = _built(source, "wheel")
+    with tarfile.open(sdist) as archive:
+        archive.extractall(unpacked, filter="data")
+    (again,) = _built(next(unpacked.iterdir()), "wheel")
+    assert again.read_bytes() == wheel.read_bytes()
+    head = subprocess.check_output([git, "-C", source, "rev-parse", "HEAD"], text=True)
+    with zipfile.ZipFile(wheel) as files:
+        assert files.read("swarm_ctl/commit.txt").decode() == head.strip()
+        assert "swarm_ctl/build_hook.py" not in files.namelist()
+
+
+def _built(source: Path, kind: str) -> list[Path]:
+    folder = source / "made" / kind
+    words = [sys.executable, "-m", "hatchling", "build", "-t", kind, "-d", str(folder)]
+    subprocess.run(words, cwd=source, check=True, capture_output=True)
+    return list(folder.glob("swarm_ctl-*"))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from swarm_ctl.core.model.plan import Plan
@@ -38,3 +39,17 @@ class LiveRecorder(Recorder):
 
     def note(self, trouble: Trouble, time_s: float) -> None:
         """Nothing is recorded."""
+
+
+@contextlib.contextmanager
+def foxglove_on(port: int | None, plan: Plan) -> Iterator[Sequence[Sink]]:
+    """Where Foxglove's clients of this port get their messages from: no sink without a port. The
+    recorder that has the sinks closes them."""
+    if port is None:
+        yield ()
+        return
+    from swarm_ctl.extensions.foxglove import FoxgloveServer
+
+    server = FoxgloveServer(port, plan)
+    with contextlib.closing(server):
+        yield (server,)
