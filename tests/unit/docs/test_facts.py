@@ -45,8 +45,8 @@ def test_the_page_of_studies_is_the_code_s() -> None:
     assert TEXT["studies"] == study_reference.page(), f"write it: {study_reference.COMMAND}"
 
 
-def test_the_page_of_verdicts_has_every_alarm_and_cause() -> None:
-    rows = re.findall(r"^\| ([a-z_ -]+) \| (error|warning) \|", TEXT["verdict"], re.MULTILINE)
+def test_the_pages_have_every_alarm_and_cause() -> None:
+    rows = re.findall(r"^\| ([a-z_ -]+) \| (error|warning) \|", TEXT["dashboard"], re.MULTILINE)
     assert rows == [(rule.name, rule.level.name.lower()) for rule in RULES]
     table = TEXT["verdict"].partition("| `cause` |")[2].partition("\n\n")[0]
     named = {word for row in table.splitlines() for word in re.findall(r"`([a-z ]+)`", row)}
@@ -75,8 +75,8 @@ def test_the_default_gains_are_those_of_the_law_s_page() -> None:
     assert plain.law.h == 0.005
 
 
-def test_the_limits_of_tune_are_those_of_the_missions_page() -> None:
-    (sentence,) = re.findall(r"In flight `delta_a` may be up to .*", TEXT["missions"])
+def test_the_limits_of_tune_are_those_of_the_page() -> None:
+    (sentence,) = re.findall(r"In flight `delta_a` may be up to .*", TEXT["in-flight"])
     numbers = [
         float(number) for number in re.findall(r"(?<![\w.])\d[\d.]*\d|(?<![\w.])\d", sentence)
     ]
@@ -126,7 +126,7 @@ def test_each_command_is_in_the_list() -> None:
 def test_each_install_by_role_is_in_the_list() -> None:
     """And the README's first command installs what `run` needs."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    listed = set(re.findall(r"^\| `pip install .*'\.\[(\w+)\]'`", TEXT["commands"], re.MULTILINE))
+    listed = set(re.findall(r"^\| `pip install .*'\.\[(\w+)\]'`", TEXT["install"], re.MULTILINE))
     assert listed == set(project["optional-dependencies"])
     assert "pip install -q '.[ground]' && .venv/bin/swarm-ctl run" in README
 

@@ -238,7 +238,7 @@ def test_json_is_json_to_any_tool(payload: Any) -> None:
 
 def test_the_document_has_every_channel() -> None:
     """The table for other tools names each key, and which of them are JSON."""
-    page = PAGES["deployment"].read_text()
+    page = PAGES["mesh"].read_text()
     rows = [row for row in page.splitlines() if row.startswith("| `swarm/")]
     for channel in CHANNELS:
         key = rf"/{channel.publisher}/.*\b{channel.name}\b"

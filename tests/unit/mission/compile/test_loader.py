@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import re
 import textwrap
 from pathlib import Path
 
@@ -23,7 +22,7 @@ from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.errors import MissionError
 from swarm_ctl.mission.compile.loader import dumps, load, loads
 from swarm_ctl.mission.fleet.fleet_file import read_fleet
-from tests.unit.docs.pages import PAGES
+from tests.unit.docs.pages import PAGES, blocks
 from tests.unit.mission.example import TEXT, edited, without_section
 from tests.unit.plans import steps_of
 
@@ -466,11 +465,27 @@ def test_many_stretched_links_are_one_warning_with_what_is_enough() -> None:
 # --- the handbook ---
 
 
-def test_the_examples_in_the_missions_page_are_right(tmp_path: Path) -> None:
-    page = PAGES["missions"].read_text()
-    mission, lanes, fence, zones, boat, split, faults, fleet, routers = re.findall(
-        r"```yaml\n(.*?)```", page, re.DOTALL
-    )
+def examples(name: str) -> list[str]:
+    """The mission files' parts on a page."""
+    return [block.text for block in blocks(PAGES[name]) if block.language == "yaml"]
+
+
+def test_the_examples_in_the_pages_of_missions_are_right(tmp_path: Path) -> None:
+    mission, faults = examples("missions")
+    (lanes,) = examples("search-pattern")
+    fence, zones = examples("geofence")
+    (letters,) = examples("letters")
+    _, layers, wake = examples("altitude")
+    (boat,) = examples("follow")
+    (split,) = examples("groups")
+    fleet, routers = examples("fleets")
+    twelve = (MISSIONS / "letters.yaml").read_text()
+    (all_twelve,) = loads(twelve.partition("shapes:")[0] + letters).plan.groups
+    assert len(all_twelve.steps) == 5
+    nine = (MISSIONS / "layers.yaml").read_text().partition("wake:")
+    agents = nine[2].partition("\n")[2].partition("shapes:")[0]
+    (in_layers,) = loads(nine[0] + wake + agents + layers).plan.groups
+    assert len(in_layers.steps) == 4
     sweep = (MISSIONS / "sweep.yaml").read_text()
     assert loads(sweep.partition("shapes:")[0] + lanes + fence).plan.fence.height_m == 40
     assert [zone.name for zone in loads(mission + zones).plan.zones] == ["oak", "house"]
