@@ -35,7 +35,7 @@ from swarm_ctl.cli.results.replay import replay
 from swarm_ctl.cli.results.report import compare, report
 from swarm_ctl.cli.security.trust import trust
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.gcs_option import with_port
+from swarm_ctl.cli.shared.options import filled
 from swarm_ctl.cli.studies.fuzz import fuzz
 from swarm_ctl.cli.studies.law import law
 from swarm_ctl.cli.studies.paper import paper
@@ -63,8 +63,8 @@ _COMMANDS: Final[dict[str, tuple[Callable[..., None], ...]]] = {
 
 class _Command(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """`--gcs` may stand without a port."""
-        return super().parse_args(ctx, with_port(args))
+        """Some options may stand without their value."""
+        return super().parse_args(ctx, filled(args))
 
     def invoke(self, ctx: Any) -> Any:
         """Refuse to start where the system can't fly, or the command's extra is not installed."""

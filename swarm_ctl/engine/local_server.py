@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Final
 
 from swarm_ctl.engine import clock as wall
-from swarm_ctl.errors import StartError
+from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.rim import Rim
 
 HOST: Final = "127.0.0.1"
@@ -106,6 +106,25 @@ class LocalServer:
                 answer(client, "403 Forbidden", f"{why}\n".encode())
             else:
                 self._serve(client, head)
+
+
+def port_of(what: str, argument: str) -> int:
+    """The port that an argument is; InputError, which names `what`, where it is none."""
+    if not (argument.isascii() and argument.isdigit() and 1 <= int(argument[:6]) <= 65535):
+        raise InputError(f"{what}: {argument or 'no port'}; allowed: a port, 1 to 65535")
+    return int(argument)
+
+
+def refuse_taken(port: int, what: str) -> None:
+    """StartError where a server can't have this port."""
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does
+        try:
+            probe.bind((HOST, port))
+        except OSError as error:
+            raise StartError(
+                f"{what}: {HOST}:{port}: {error.strerror}; name another port"
+            ) from None
 
 
 def answer(

@@ -1,5 +1,5 @@
-"""A station's messages live to Foxglove, by a websocket of the loopback interface; imported only
-when asked for. Clients read; there is nothing that they can send."""
+"""A station's messages live to Foxglove, by a websocket of the loopback interface. Clients read;
+there is nothing that they can send."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from typing import Final
 
 from foxglove import Capability, Channel, Context, Schema, start_server
 
-from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.engine.local_server import SEND_WALL_S, LocalServer
-from swarm_ctl.errors import StartError
+from swarm_ctl.engine.local_server import SEND_WALL_S, LocalServer, port_of, refuse_taken
+from swarm_ctl.errors import SwarmError
+from swarm_ctl.extension import Extension, StationHandle
 from swarm_ctl.recording.topics import TOPICS, Topic
 from swarm_ctl.station.foxglove.desk import TOPICS as DESK
 
@@ -29,18 +29,19 @@ _INNER_WALL_S: Final = 5.0
 _PAGES: Final = re.compile(r"file://|https://([a-z0-9-]+\.)*foxglove\.dev")
 ORIGINS: Final = "SWARM_CTL_FOXGLOVE_ORIGINS"
 """The environment's word for more origins, with commas between them."""
-_STOP_WALL_S: Final = 5.0
-"""For a call that is under way when the server is to end."""
+_PORT: Final = "8765"
+"""Foxglove's own default."""
 
 
 logging.getLogger("foxglove").addHandler(logging.NullHandler())  # stderr may be a dashboard's
 
 
-class FoxgloveServer:
-    """A sink of a recorder that serves on this port of 127.0.0.1 from now on; StartError where it
-    is taken. The SDK's own threads send: a write never waits for a client."""
+class FoxgloveServer(Extension):
+    """Serves on a port of 127.0.0.1, its argument. The SDK's own threads send: a write never waits
+    for a client."""
 
-    def __init__(self, port: int, plan: Plan) -> None:
+    def __init__(self, argument: str, station: StationHandle) -> None:
+        plan, self.sink = station.plan, self
         self._context = Context()
         self._inner = _inner_host()
         self._channels: dict[tuple[str, int | None], Channel] = {}
@@ -59,15 +60,17 @@ class FoxgloveServer:
             message_backlog_size=_WAITING,
         )
         try:
+            port = port_of("foxglove", argument or _PORT)
             self._door = LocalServer("foxglove", port, self._pass_on, _may_ask)
-        except StartError:
+        except SwarmError:
             self._server.stop()
             raise
         self._clock_ns = 0
-        self._calls = threading.Lock()
-        """The SDK's server takes one call at a time: `stop` beside another one is a RuntimeError
-        ("Already borrowed")."""
         self._closed = False
+
+    @classmethod
+    def check(cls, argument: str) -> None:
+        refuse_taken(port_of("foxglove", argument or _PORT), "foxglove")
 
     def _pass_on(self, client: socket.socket, head: bytes) -> None:
         """Between a client that may ask and the SDK's own server, until one of them ends. Blocks
@@ -91,9 +94,7 @@ class FoxgloveServer:
         del said_ns  # the protocol has one time
         if heard_ns >= self._clock_ns + _CLOCK_NS:
             self._clock_ns = heard_ns
-            with self._calls:
-                if not self._closed:
-                    self._server.broadcast_time(heard_ns)
+            self._server.broadcast_time(heard_ns)
         self._channel(topic, agent).log(data, log_time=heard_ns)
 
     def _channel(self, topic: Topic, agent: int | None) -> Channel:
@@ -113,19 +114,14 @@ class FoxgloveServer:
         """Nothing waits here."""
 
     def close(self) -> None:
-        """Disconnect the clients. The recorder's thread and the station's both end with it, either
-        one first."""
-        if self._calls.acquire(timeout=_STOP_WALL_S):
-            try:
-                if not self._closed:
-                    self._closed = True
-                    self._door.close()
-                    self._server.stop()
-            finally:
-                self._calls.release()
+        """Disconnect the clients: a view that stands still would look like a swarm that does. Also
+        called as a sink's."""
+        if not self._closed:
+            self._closed = True
+            self._door.close()
+            self._server.stop()
 
     abandon = close
-    """A view that stands still would look like a swarm that does."""
 
 
 def _copy(source: socket.socket, target: socket.socket) -> None:

@@ -1,16 +1,17 @@
-"""The newest view as Prometheus metrics on a loopback port; imported only when asked for."""
+"""The newest view as Prometheus metrics on a loopback port."""
 
 from __future__ import annotations
 
 import socket
 from collections.abc import Callable, Iterator
-from typing import Final, Self
+from typing import Final
 
 from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 
 from swarm_ctl.core.model.messages import Phase
-from swarm_ctl.engine.local_server import LocalServer, answer
+from swarm_ctl.engine.local_server import LocalServer, answer, port_of, refuse_taken
+from swarm_ctl.extension import Extension, StationHandle
 from swarm_ctl.station.picture.alarms import RULES, Level, alarms
 from swarm_ctl.station.picture.view import AgentView, GroupView, SwarmView
 
@@ -60,15 +61,19 @@ _OF_GROUP: Final[dict[str, tuple[str, Callable[[GroupView], float | None]]]] = {
 _COUNTERS: Final = ("states_received", "states_lost")
 
 
-class Metrics:
-    """Serves on this port of 127.0.0.1 until closed; StartError where it is taken. A scrape reads
-    the newest view."""
+class Metrics(Extension):
+    """Serves on a port of 127.0.0.1, its argument, until closed. A scrape reads the newest view."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, argument: str, station: StationHandle) -> None:
+        del station
         self._view: SwarmView | None = None
         self._registry = CollectorRegistry()
         self._registry.register(self)
-        self._server = LocalServer("metrics", port, self._serve)
+        self._server = LocalServer("metrics", port_of("metrics", argument), self._serve)
+
+    @classmethod
+    def check(cls, argument: str) -> None:
+        refuse_taken(port_of("metrics", argument), "metrics")
 
     def _serve(self, client: socket.socket, head: bytes) -> None:
         if head.startswith((b"GET ", b"HEAD ")):
@@ -76,15 +81,11 @@ class Metrics:
         else:
             answer(client, "405 Method Not Allowed", b"allowed: GET\n")
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._server.close()
-
     def take(self, view: SwarmView) -> None:
-        """Let scrapes read this view from now on."""
         self._view = view
+
+    def close(self) -> None:
+        self._server.close()
 
     def describe(self) -> list[Metric]:
         """Nothing is known before the first view."""

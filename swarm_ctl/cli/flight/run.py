@@ -14,18 +14,17 @@ import typer
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.gcs_option import gcs_addresses
 from swarm_ctl.cli.shared.options import (
+    Attach,
     FleetFile,
-    Foxglove,
     Headless,
     IdentityFolder,
     Json,
-    Metrics,
     MissionFile,
     OpenMesh,
     VehicleKinds,
     ZenohConfig,
+    attaching,
     option,
-    served,
     switch,
     zenoh_settings,
 )
@@ -74,13 +73,13 @@ _JUNIT: Final = (
 )
 
 
+@attaching
 def run(
     mission: MissionFile,
     speedup: Annotated[str | None, option("FACTOR|max", _SPEEDUP)] = None,
     headless: Headless = False,
     json: Json = False,
-    metrics: Metrics = None,
-    foxglove: Foxglove = None,
+    attach: Attach = None,
     fleet: FleetFile = None,
     vehicles: VehicleKinds = None,
     arducopter: Annotated[str | None, option("PATH|container:IMAGE", _ARDUCOPTER)] = None,
@@ -167,7 +166,7 @@ def run(
         seed=1 if seed is None else seed,
         record_hz=_rates(record_hz),
         tlog=tlog,
-        ports=served(metrics, foxglove),
+        attach=tuple(attach or ()),
         gcs=gcs_addresses(gcs or ()),
         binaries=binaries,
         px4_log=px4_log,

@@ -11,20 +11,18 @@ import typer
 from swarm_ctl.cli.flight.agent import plan_and_fleet
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.options import (
-    Foxglove,
+    Attach,
     Headless,
     IdentityFolder,
     Json,
-    Metrics,
     OpenMesh,
     ZenohConfig,
+    attaching,
     complete_runs,
     option,
-    served,
     zenoh_settings,
 )
 from swarm_ctl.cli.shared.result import exit_code, show_summary
-from swarm_ctl.engine.served import ServedPorts
 from swarm_ctl.errors import InputError
 
 if TYPE_CHECKING:
@@ -45,6 +43,7 @@ _MESH: Final = (
 )
 
 
+@attaching
 def station(
     run: Annotated[
         str | None, typer.Argument(metavar="RUN", help=_RUN, autocompletion=complete_runs)
@@ -68,8 +67,7 @@ def station(
     zenoh_config: ZenohConfig = None,
     headless: Headless = False,
     json: Json = False,
-    metrics: Metrics = None,
-    foxglove: Foxglove = None,
+    attach: Attach = None,
 ) -> None:
     """Watch and command a swarm that flies already.
 
@@ -95,10 +93,12 @@ def station(
     from swarm_ctl.engine.protection import Keys
     from swarm_ctl.engine.station.join import SwarmMesh, join_run, join_swarm
     from swarm_ctl.engine.station.screens import shown
+    from swarm_ctl.extension import check
     from swarm_ctl.runfolder.manifest import read_manifest
 
     show = shown(headless=headless, json=json)
-    ports = served(metrics, foxglove)
+    attached = attach or []
+    check(attached)
     if mission is None:
         for name, value in {
             "--mesh": mesh,
@@ -111,7 +111,7 @@ def station(
                 raise InputError(f"{name} without a mission; allowed: together with --mission FILE")
         folder = flying_run(run)
         own = zenoh_settings(zenoh_config, guarded=open_mesh or read_manifest(folder).guarded)
-        join_run(folder, show, ports, Keys(identity, zenoh=own))
+        join_run(folder, show, attached, Keys(identity, zenoh=own))
     elif run is not None:
         raise InputError(f"both a run folder ({run}) and --mission {mission}; allowed: one of them")
     else:
@@ -123,12 +123,12 @@ def station(
         keys = Keys(identity, open_mesh, str(fleet or mission), own)
         swarm = SwarmMesh(plan, entries, mission, mesh or [], speedup or 1.0, keys)
         if runs is None:
-            join_swarm(swarm, show, ports)
+            join_swarm(swarm, show, attached)
         else:
-            raise typer.Exit(_judge(swarm, runs, truth, show, ports))
+            raise typer.Exit(_judge(swarm, runs, truth, show, attached))
 
 
-def _judge(swarm: SwarmMesh, runs: Path, truth: Path | None, show: Show, ports: ServedPorts) -> int:
+def _judge(swarm: SwarmMesh, runs: Path, truth: Path | None, show: Show, attach: list[str]) -> int:
     """Fly the swarm from here; the exit code."""
     from swarm_ctl.engine.interrupts import Interrupts
     from swarm_ctl.engine.lifeline import sign_of_life
@@ -138,7 +138,7 @@ def _judge(swarm: SwarmMesh, runs: Path, truth: Path | None, show: Show, ports: 
 
     console = PlainConsole(stderr=show is Show.JSON)
     with Interrupts() as interrupts:
-        result = judge_swarm(swarm, runs, show, ports, sign_of_life(), interrupts, truth)
+        result = judge_swarm(swarm, runs, show, attach, sign_of_life(), interrupts, truth)
         if result is None:
             console.say("no agent was heard: nothing was recorded")
             return ENDED_CODE

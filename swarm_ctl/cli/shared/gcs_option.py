@@ -6,19 +6,9 @@ import re
 from collections.abc import Sequence
 from typing import Final
 
-from swarm_ctl.engine.vehicles.instances import GCS_PORT
 from swarm_ctl.errors import InputError
 
-_ADDRESS: Final = re.compile(r"(?:(?P<host>[^:\s-][^:\s]*):)?(?P<port>\d+)")
-
-
-def with_port(arguments: Sequence[str]) -> list[str]:
-    """The command line in which each `--gcs` has an address."""
-    following = [*arguments, ""][1:]
-    return [
-        f"--gcs={GCS_PORT}" if each == "--gcs" and not _ADDRESS.fullmatch(after) else each
-        for each, after in zip(arguments, following, strict=True)
-    ]
+ADDRESS: Final = re.compile(r"(?:(?P<host>[^:\s-][^:\s]*):)?(?P<port>\d+)")
 
 
 def gcs_addresses(given: Sequence[str]) -> tuple[tuple[str, int], ...]:
@@ -27,7 +17,7 @@ def gcs_addresses(given: Sequence[str]) -> tuple[tuple[str, int], ...]:
 
 
 def _address(text: str) -> tuple[str, int]:
-    found = _ADDRESS.fullmatch(text)
+    found = ADDRESS.fullmatch(text)
     if found is None or not 1 <= int(found["port"]) <= 65535:
         raise InputError(f"--gcs {text!r}: not an address; allowed: PORT or HOST:PORT, 1..65535")
     return found["host"] or "127.0.0.1", int(found["port"])

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import inspect
+from collections.abc import Callable, Sequence
+from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
+from swarm_ctl.cli.shared.gcs_option import ADDRESS
 from swarm_ctl.core.model.fleet import plain_endpoint
-from swarm_ctl.engine.served import ServedPorts
+from swarm_ctl.engine.vehicles.instances import GCS_PORT
 from swarm_ctl.errors import InputError
 from swarm_ctl.files import read_bytes
-from swarm_ctl.installed import require
 from swarm_ctl.mission.ready import named
 
 
@@ -80,19 +82,78 @@ _ZENOH = (
 ZenohConfig = Annotated[Path | None, option("FILE", _ZENOH, "--zenoh-config")]
 Headless = Annotated[bool, switch("--headless", "Plain log lines instead of the dashboard.")]
 Json = Annotated[bool, switch("--json", "One line of JSON a second on stdout.")]
-_METRICS = "Prometheus metrics on this port of 127.0.0.1."
-Metrics = Annotated[int | None, option("PORT", _METRICS, min=1, max=65535)]
+_ATTACH = (
+    "Attach an extension to the station; repeat it for another. A name that is not installed is"
+    " answered by those that are."
+)
+Attach = Annotated[list[str] | None, option("NAME[=ARGUMENT]", _ATTACH)]
 _FOXGLOVE = (
     "Serve Foxglove on this port of 127.0.0.1 (8765 is its own default): map, 3-D scene, plots,"
     " log. Needs the extra `foxglove`."
 )
-Foxglove = Annotated[int | None, option("PORT", _FOXGLOVE, min=1, max=65535)]
 _SPEEDUP = "Mission seconds per second of the wall clock."
 Speedup = Annotated[float, option("FACTOR", _SPEEDUP, min=0.1, max=100.0)]
 Seed = Annotated[int, option("NUMBER", "Seed of all random numbers.", min=0)]
 _ZENOH_BYTES = 1_000_000
 _PROCESSES = "Processes to fly with.  [default: one per core]"
 Processes = Annotated[int | None, option("NUMBER", _PROCESSES, min=1)]
+
+
+class ShortWord(NamedTuple):
+    """An option `--OPTION ARGUMENT` for `--attach EXTENSION=ARGUMENT`."""
+
+    option: str
+    extension: str
+    metavar: str
+    text: str
+    alone: str | None = None
+    """The argument where the option stands without a number; None: it needs one."""
+
+
+SHORT_WORDS = (
+    ShortWord("metrics", "prometheus", "PORT", "Prometheus metrics on this port of 127.0.0.1."),
+    ShortWord("foxglove", "foxglove", "PORT", _FOXGLOVE),
+)
+_ALONE = {"--gcs": str(GCS_PORT)} | {
+    f"--{each.option}": each.alone for each in SHORT_WORDS if each.alone is not None
+}
+
+
+def attaching(command: Callable[..., None]) -> Callable[..., None]:
+    """The command, which has a parameter `attach`, with an option for each short word, too."""
+    signature = inspect.signature(command, eval_str=True)
+
+    @wraps(command)
+    def with_short_words(**given: Any) -> None:
+        attach = [*(given.pop("attach") or ())]
+        for each in SHORT_WORDS:
+            attach += [f"{each.extension}={word}" for word in given.pop(each.option) or ()]
+        command(**given, attach=attach)
+
+    parameters = [
+        inspect.Parameter(
+            each.option,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=None,
+            annotation=Annotated[list[str] | None, option(each.metavar, each.text)],
+        )
+        for each in SHORT_WORDS
+    ]
+    taken = [each.replace(kind=each.KEYWORD_ONLY) for each in signature.parameters.values()]
+    place = [each.name for each in taken].index("attach")
+    taken[place:place] = parameters
+    with_short_words.__signature__ = signature.replace(parameters=taken)  # type: ignore[attr-defined]
+    with_short_words.__annotations__ = {each.name: each.annotation for each in taken}
+    return with_short_words
+
+
+def filled(arguments: Sequence[str]) -> list[str]:
+    """The command line in which each option that may stand alone has its value."""
+    following = [*arguments, ""][1:]
+    return [
+        f"{each}={_ALONE[each]}" if each in _ALONE and not ADDRESS.fullmatch(after) else each
+        for each, after in zip(arguments, following, strict=True)
+    ]
 
 
 def zenoh_settings(file: Path | None, *, guarded: bool) -> dict[str, Any]:
@@ -108,13 +169,6 @@ def zenoh_settings(file: Path | None, *, guarded: bool) -> dict[str, Any]:
         why = error.strerror if isinstance(error, OSError) else "is no text"
         raise InputError(f"--zenoh-config {file}: can't be read: {why}") from None
     return read_settings(text, str(file), guarded=guarded)
-
-
-def served(metrics: int | None, foxglove: int | None) -> ServedPorts:
-    """The ports that were given; StartError where the extra of one is not installed."""
-    if foxglove is not None:
-        require("foxglove", "--foxglove")
-    return ServedPorts(metrics, foxglove)
 
 
 def recorded_run(given: Path | None, say: Callable[[str], None]) -> Path:

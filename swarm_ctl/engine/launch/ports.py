@@ -16,18 +16,6 @@ _next: dict[tuple[int, socket.SocketKind], int] = {}
 be another's, or be tried by what has used it."""
 
 
-def refuse_taken(port: int, what: str) -> None:
-    """StartError where a server can't have this port of the loopback interface."""
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does
-        try:
-            probe.bind(("127.0.0.1", port))
-        except OSError as error:
-            raise StartError(
-                f"{what}: 127.0.0.1:{port}: {error.strerror}; name another port"
-            ) from None
-
-
 def free_ports(count: int, kind: socket.SocketKind, promised: Collection[int] = ()) -> list[int]:
     """`count` ports that are free now, and not `promised`; StartError where there are fewer.
 

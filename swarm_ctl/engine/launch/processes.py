@@ -8,7 +8,6 @@ the station writes the summary). So nothing outlives a killed run.
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import json
 import os
 import select
@@ -20,7 +19,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from swarm_ctl.engine.clock import pause, wall_s
-from swarm_ctl.engine.served import NO_PORTS, ServedPorts
 from swarm_ctl.engine.vehicles.autopilots import remove_leftovers
 from swarm_ctl.engine.vehicles.order import STARTED, STARTED_JSON, Started
 from swarm_ctl.errors import StartError
@@ -200,12 +198,11 @@ def simulator(config: Path, log: Path) -> TellingChild:
     return TellingChild("simulator", command, log, "the simulated vehicles are gone")
 
 
-def station(folder: Path, log: Path, show: str, ports: ServedPorts = NO_PORTS) -> CommandChild:
+def station(folder: Path, log: Path, show: str, attach: Sequence[str] = ()) -> CommandChild:
     """The ground station of a run; it has the terminal."""
     module = "swarm_ctl.engine.station.station_process"
     command = [sys.executable, "-m", module, "--run", str(folder), "--show", show]
-    for name, port in dataclasses.asdict(ports).items():
-        command += [] if port is None else [f"--{name}", str(port)]
+    command += [f"--attach={word}" for word in attach]
     return CommandChild("station", command, log, own_terminal=True)
 
 

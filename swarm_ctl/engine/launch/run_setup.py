@@ -8,10 +8,11 @@ import shutil
 import socket
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from swarm_ctl import extension
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, SigningPolicy, VehicleKind
 from swarm_ctl.engine import clock as wall
 from swarm_ctl.engine.agent.agent_process import AgentConfig
@@ -19,7 +20,7 @@ from swarm_ctl.engine.clock import Clock
 from swarm_ctl.engine.flying_runs import make_folder, process_space
 from swarm_ctl.engine.gcs.config import RELAY_JSON
 from swarm_ctl.engine.launch.ground_control import ground_control
-from swarm_ctl.engine.launch.ports import free_ports, refuse_taken
+from swarm_ctl.engine.launch.ports import free_ports
 from swarm_ctl.engine.launch.sim_config import simulator_config
 from swarm_ctl.engine.lockstep.seat import SIMULATOR, SLOW, STATION
 from swarm_ctl.engine.protection import (
@@ -33,7 +34,6 @@ from swarm_ctl.engine.protection import (
 from swarm_ctl.engine.radio.link_process import LinkConfig
 from swarm_ctl.engine.router.router_process import RouterConfig
 from swarm_ctl.engine.script import NO_SCRIPT, AgentScript, RunScript
-from swarm_ctl.engine.served import NO_PORTS, ServedPorts
 from swarm_ctl.engine.station.screens import Show
 from swarm_ctl.engine.station.scripted_operator import SCRIPT, SCRIPT_JSON
 from swarm_ctl.engine.system import lacks_for_lockstep, refuse_without
@@ -64,7 +64,8 @@ class RunOptions:
     seed: int = 1
     record_hz: dict[str, float] = field(default_factory=dict)
     tlog: bool = True
-    ports: ServedPorts = NO_PORTS
+    attach: tuple[str, ...] = ()
+    """The extensions of its station, each `NAME[=ARGUMENT]`."""
     gcs: tuple[tuple[str, int], ...] = ()
     """Where ground control software listens: host and port."""
     binaries: Mapping[VehicleKind, str | None] = field(default_factory=dict)
@@ -113,9 +114,7 @@ class RunSetup:
         exposed = exposures(mission.fleet) + _exposed_stations(mission.fleet, options.gcs)
         if not options.keys.open_mesh:
             refuse_exposed(exposed, options.keys.fleet_file, mission.fleet.trust)
-        for name, port in asdict(options.ports).items():
-            if port is not None:
-                refuse_taken(port, name)
+        extension.check(options.attach)
         self._orders = _orders(mission, options)
         self.folder = make_folder(options.runs, mission.plan.name)
         self.manifest = _manifest(mission, options).model_copy(

@@ -212,7 +212,7 @@ class RunProcesses:
         # before the agents, whose ticks take the processors from its imports; many agents
         # would not leave it any
         self._go_on()
-        self._station = station(folder, folder / "station.log", options.show, options.ports)
+        self._station = station(folder, folder / "station.log", options.show, options.attach)
         if router_config is not None:
             self._wait_ready(_START_WALL_S)
         if sim_config:

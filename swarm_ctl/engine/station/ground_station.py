@@ -56,8 +56,6 @@ _OF_TARGETS: Final = (keys.TARGET, keys.SIGHTING)
 """Shown, and not recorded: agents tell what comes of them."""
 _COMMANDS: Final = 1000
 """Of so many it is known that they were heard before."""
-_GIVEN_UP: Final = 10
-"""Errors in a row after which a part that others look at is off."""
 _BEACON_S: Final = 0.25
 """Twenty before an agent gives it up (5 s): with half of all messages lost one flight in 1,000;
 with ten, one in 5."""
@@ -123,7 +121,8 @@ class Station:
     ) -> None:
         self.plan = plan
         self._node = node
-        self._clock = clock
+        self.clock = clock
+        """The mission's."""
         self._recorder = recorder
         self._memory = memory
         self._protection = protection
@@ -141,21 +140,13 @@ class Station:
         self._memory_rim = Rim("the memory of the vehicles' own parameters")
         self.shows = Rim("the screen")
         """For who runs this station: what it shows on."""
-        self.serves = Rim("the metrics", most=_GIVEN_UP)
-        self._rims = (
-            self._views,
-            self._answers,
-            self._record_rim,
-            self._memory_rim,
-            self.shows,
-            self.serves,
-        )
+        self._rims = [self._views, self._answers, self._record_rim, self._memory_rim, self.shows]
         node.listen(*_CHANNELS, agents=agents)
         if plan.targets:
             node.listen(*_OF_TARGETS, agents=agents)
 
     def _new_model(self) -> Model:
-        clock = self._clock
+        clock = self.clock
         return Model(self.plan, speedup=clock.speedup, since_s=clock.now(), station=self._name)
 
     @property
@@ -167,6 +158,10 @@ class Station:
         """Record from now on."""
         self._recorder = recorder
 
+    def tell_of(self, rims: Iterable[Rim]) -> None:
+        """Tell what goes wrong in these, too."""
+        self._rims += rims
+
     def recall(self, past: Iterable[Event | Command | Ack]) -> None:
         """Take in what was said on the mesh before this station joined."""
         for payload in past:
@@ -176,14 +171,14 @@ class Station:
 
     def states(self) -> tuple[AgentState, ...]:
         """The newest ones, of the plan's agents that are heard."""
-        return self._views.run(self._model.states, self._clock.now()) or ()
+        return self._views.run(self._model.states, self.clock.now()) or ()
 
     def order(self, order: Order, name: str = "") -> SentCommand:
         """Send the command for an operator's order, under this name if one is given; InputError
         where there can't be one."""
         if not self._protection.commands:
             raise InputError(f"{self._protection.who} may only watch; allowed: an operator's keys")
-        now = self._clock.now()
+        now = self.clock.now()
         swarm = self._views.run(lambda: swarm_now(self._model.view(now)))
         if swarm is None:
             swarm = self._unseen(order, now)
@@ -206,13 +201,13 @@ class Station:
 
     def _publish(self, command: Command) -> None:
         self._node.send(keys.COMMAND, command)
-        self._take(command, self._clock.now())
+        self._take(command, self.clock.now())
 
     def turn(self) -> list[str]:
         """Hear the mesh, send what is due; what the operator is to be told."""
         if not self._clock_is_set():
             return []
-        now = self._clock.now()
+        now = self.clock.now()
         if now >= self._beacon_due and self._protection.commands:
             self._beacon_due = now + _BEACON_S
             self._node.send(keys.BEACON, StationBeacon(self._name, now, self._hash))
@@ -228,7 +223,7 @@ class Station:
         for channel in _OF_TARGETS if self.plan.targets else ():
             for word, received_s in self._node.take(channel):
                 self._take(word, received_s)
-        ended = self._sender.turn(self._clock.now())
+        ended = self._sender.turn(self.clock.now())
         told = [f"tune: nothing changes; {sent.failed}" for sent in ended if sent.failed]
         told, self._troubles = told + self._troubles, []
         return told + self.troubles()
@@ -242,12 +237,12 @@ class Station:
         if recorder is None:
             return [str(trouble) for trouble in new]
         for trouble in new:
-            self._record_rim.run(recorder.note, trouble, self._clock.now())
+            self._record_rim.run(recorder.note, trouble, self.clock.now())
         return [str(trouble) for trouble in new]
 
     def _clock_is_set(self) -> bool:
         """Without a run's clock the first messages only set it: their ages mean nothing before."""
-        clock = self._clock
+        clock = self.clock
         if not isinstance(clock, MeshClock) or clock.heard:
             return True
         told: list[AgentState | AgentStatus] = [state for state, _ in self._node.take(keys.STATE)]
@@ -272,8 +267,8 @@ class Station:
                 trouble = self._memory_rim.run(self._memory.hear, payload)
                 self._troubles += [f"agent {payload.agent}: {trouble}"] if trouble else []
             case AgentState(agent=agent) if agent in self._agents:
-                if isinstance(self._clock, MeshClock):
-                    self._clock.hear(payload.time_s)
+                if isinstance(self.clock, MeshClock):
+                    self.clock.hear(payload.time_s)
         self._views.run(self._model.fold, payload, received_s)
         if self._recorder:
             self._record_rim.run(self._recorder.take, payload, received_s)
@@ -284,7 +279,7 @@ class Station:
 
     def view(self) -> SwarmView:
         """The picture now. Whoever keeps the flight safe takes `seen`."""
-        now, node = self._clock.now(), self._node
+        now, node = self.clock.now(), self._node
         health = StationHealth(node.bad_payloads, refused=node.refused(now))
         return replace(self._model.view(now), health=health, protection=self._protection)
 

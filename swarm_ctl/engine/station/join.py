@@ -14,12 +14,12 @@ from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.engine import clock as wall
 from swarm_ctl.engine.flying_runs import ended
 from swarm_ctl.engine.protection import NO_KEYS, Keys, explained, station_identity
-from swarm_ctl.engine.served import ServedPorts
+from swarm_ctl.engine.station.attachments import Attachments
 from swarm_ctl.engine.station.ground_station import Station, open_node
 from swarm_ctl.engine.station.mesh_clock import MeshClock
-from swarm_ctl.engine.station.recorders import LiveRecorder, foxglove_on
+from swarm_ctl.engine.station.recorders import LiveRecorder
 from swarm_ctl.engine.station.screens import Show, possible, present
-from swarm_ctl.engine.station.station_loop import GuestControl, loop, metrics_on
+from swarm_ctl.engine.station.station_loop import GuestControl, loop
 from swarm_ctl.engine.vehicle_memory import SwarmMemory, VehicleMemory, state_folder
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh.zenoh_config import part_in
@@ -35,7 +35,7 @@ _QUIET_WALL_S: Final = 5.0
 _ALARMS: Final = "alarms from now on"
 
 
-def join_run(folder: Path, show: Show, ports: ServedPorts, keys: Keys = NO_KEYS) -> None:
+def join_run(folder: Path, show: Show, attach: Sequence[str], keys: Keys = NO_KEYS) -> None:
     """Watch and command a run of this machine; ends with the screen. `keys`: those of the command
     line; without, those and the zenoh settings with which it is flown."""
     manifest = read_manifest(folder)
@@ -57,7 +57,7 @@ def join_run(folder: Path, show: Show, ports: ServedPorts, keys: Keys = NO_KEYS)
         start_s = manifest.started_at.timestamp()
         stays = possible(show) is Show.DASHBOARD
         control = GuestControl(_Once(words), lambda: ended(folder, manifest), stays=stays)
-        _watch(station, control, show, ports, start_s)
+        _watch(station, control, show, attach, start_s)
 
 
 class SwarmMesh:
@@ -105,23 +105,23 @@ def open_swarm(swarm: SwarmMesh) -> Iterator[Station]:
         yield Station(plan, node, swarm.clock, memory=memory, protection=swarm.protection)
 
 
-def join_swarm(swarm: SwarmMesh, show: Show, ports: ServedPorts) -> None:
+def join_swarm(swarm: SwarmMesh, show: Show, attach: Sequence[str]) -> None:
     """Watch and command a swarm that flies on any host; ends with the screen."""
     with open_swarm(swarm) as station:
-        _watch(station, GuestControl(swarm.hint), show, ports, wall.unix_s())
+        _watch(station, GuestControl(swarm.hint), show, attach, wall.unix_s())
 
 
 def _watch(
-    station: Station, control: GuestControl, show: Show, ports: ServedPorts, start_s: float
+    station: Station, control: GuestControl, show: Show, attach: Sequence[str], start_s: float
 ) -> None:
-    """`start_s`: about the Unix time of mission time 0, for Foxglove."""
+    """`start_s`: about the Unix time of mission time 0, for extensions."""
     plan = station.plan
     with ExitStack() as opened:
-        measure = opened.enter_context(metrics_on(ports.metrics))
-        if live := opened.enter_context(foxglove_on(ports.foxglove, plan)):
-            recorder = LiveRecorder(live, plan, round(start_s * 1e9), station.name)
+        attached = opened.enter_context(Attachments(attach, station))
+        if attached.sinks:
+            recorder = LiveRecorder(attached.sinks, plan, round(start_s * 1e9), station.name)
             station.record(opened.enter_context(closing(recorder)))
-        present(show, plan, None, lambda screen: loop(station, screen, control, measure))
+        present(show, plan, None, lambda screen: loop(station, screen, control, attached))
 
 
 class _Once:

@@ -20,13 +20,13 @@ from swarm_ctl.core.model.messages import AgentState, AgentStatus, Outcome, Payl
 from swarm_ctl.engine import clock as wall
 from swarm_ctl.engine.flying_runs import make_folder
 from swarm_ctl.engine.interrupts import Interrupts
-from swarm_ctl.engine.served import ServedPorts
+from swarm_ctl.engine.station.attachments import Attachments
 from swarm_ctl.engine.station.ground_station import Station
 from swarm_ctl.engine.station.join import SwarmMesh, open_swarm
 from swarm_ctl.engine.station.mesh_clock import MeshClock
-from swarm_ctl.engine.station.recorders import foxglove_on, run_mcap
+from swarm_ctl.engine.station.recorders import run_mcap
 from swarm_ctl.engine.station.screens import Screen, Show, present
-from swarm_ctl.engine.station.station_loop import give, loop, metrics_on
+from swarm_ctl.engine.station.station_loop import give, loop
 from swarm_ctl.engine.station.taken_truth import take_truth
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.files import replacing
@@ -63,7 +63,7 @@ def judge_swarm(
     swarm: SwarmMesh,
     runs: Path,
     show: Show,
-    ports: ServedPorts,
+    attach: Sequence[str],
     alive: Callable[[], None],
     interrupts: Interrupts,
     truth: Path | None = None,
@@ -75,22 +75,21 @@ def judge_swarm(
         swarm: its mission, and where it is on the mesh.
         runs: where the run's folder is made.
         show: the kind of screen.
-        ports: on which it serves others' tools.
+        attach: extensions, each `NAME[=ARGUMENT]`.
         alive: called each turn.
         interrupts: entered; counts Ctrl-C.
         truth: what a simulator on this computer writes of the vehicles.
     """
     with ExitStack() as opened:
         station = opened.enter_context(open_swarm(swarm))
-        measure = opened.enter_context(metrics_on(ports.metrics))
-        live = opened.enter_context(foxglove_on(ports.foxglove, station.plan))
-        flight = _Flight(swarm, runs, interrupts, alive, live, truth)
+        attached = opened.enter_context(Attachments(attach, station))
+        flight = _Flight(swarm, runs, interrupts, alive, attached.sinks, truth)
         opened.callback(flight.close)
         present(
             show,
             station.plan,
             lambda: os.kill(os.getpid(), signal.SIGINT),
-            lambda screen: loop(station, screen, flight, measure),
+            lambda screen: loop(station, screen, flight, attached),
         )
     if flight.unrecorded:
         raise StartError(f"{runs}: the flight was not recorded, so not judged: {flight.unrecorded}")

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from swarm_ctl.core.model.plan import Plan
@@ -39,17 +38,3 @@ class LiveRecorder(Recorder):
 
     def note(self, trouble: Trouble, time_s: float) -> None:
         """Nothing is recorded."""
-
-
-@contextlib.contextmanager
-def foxglove_on(port: int | None, plan: Plan) -> Iterator[Sequence[Sink]]:
-    """Where Foxglove's clients of this port get their messages from: no sink without a port. The
-    recorder that has the sinks closes them."""
-    if port is None:
-        yield ()
-        return
-    from swarm_ctl.extensions.foxglove import FoxgloveServer
-
-    server = FoxgloveServer(port, plan)
-    with contextlib.closing(server):
-        yield (server,)

@@ -3,10 +3,9 @@ until its control ends it."""
 
 from __future__ import annotations
 
-import contextlib
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -14,6 +13,7 @@ from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.swarm.hearing import hears_all
 from swarm_ctl.engine import clock as wall
 from swarm_ctl.engine.lockstep.seat import Seat
+from swarm_ctl.engine.station.attachments import Attachments
 from swarm_ctl.engine.station.control_pipe import ControlPipe
 from swarm_ctl.engine.station.ground_station import Station
 from swarm_ctl.engine.station.screens import Screen
@@ -52,17 +52,18 @@ def loop(
     station: Station,
     screen: Screen,
     control: Control,
-    measure: Callable[[SwarmView], None] = lambda _: None,
+    attached: Attachments,
     begin: Callable[[float], bool] = _pause,
     end: Callable[[], None] = lambda: None,
 ) -> None:
-    """Run the station until its control ends it; `measure` gets each view for the metrics, `begin`
-    and `end` are its seat's."""
+    """Run the station until its control ends it; `attached` gets each view, `begin` and `end` are
+    its seat's."""
     blind_due = 0.0
     show_due, every_s = 0.0, _SHOW_WALL_S if hears_all(station.plan) else _SHOW_MANY_WALL_S
     while not control.obey(station, screen):
         for order in screen.orders():
             give(order, station, screen)
+        attached.turn()
         if begin(_LOOP_WALL_S):
             for text in station.turn():
                 screen.note(text)
@@ -72,22 +73,10 @@ def loop(
             view = station.seen()
             if view is not None:
                 station.shows.run(screen.show, view)
-                station.serves.run(measure, view)
+                attached.show(view)
             elif wall.wall_s() >= blind_due:
                 blind_due = wall.wall_s() + _BLIND_WALL_S
                 screen.note(_BLIND)
-
-
-@contextlib.contextmanager
-def metrics_on(port: int | None) -> Iterator[Callable[[SwarmView], None]]:
-    """Takes the views that Prometheus may ask for on this port, if any."""
-    if port is None:
-        yield lambda _: None
-        return
-    from swarm_ctl.extensions.prometheus import Metrics
-
-    with Metrics(port) as metrics:
-        yield metrics.take
 
 
 def give(order: Order, station: Station, screen: Screen) -> None:

@@ -14,20 +14,20 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
 
 from swarm_ctl.engine.lockstep.seat import STATION, Seat, die, take_seat
 from swarm_ctl.engine.lockstep.words import TickPhase
 from swarm_ctl.engine.protection import operator_identity
-from swarm_ctl.engine.served import NO_PORTS, ServedPorts
+from swarm_ctl.engine.station.attachments import Attachments
 from swarm_ctl.engine.station.control_pipe import ControlPipe
 from swarm_ctl.engine.station.ground_station import Station, open_node
-from swarm_ctl.engine.station.recorders import foxglove_on, run_mcap
+from swarm_ctl.engine.station.recorders import run_mcap
 from swarm_ctl.engine.station.screens import Screen, Show, present
 from swarm_ctl.engine.station.scripted_operator import ScriptedOperator, script_of
-from swarm_ctl.engine.station.station_loop import RunControl, loop, metrics_on
+from swarm_ctl.engine.station.station_loop import RunControl, loop
 from swarm_ctl.engine.vehicle_memory import SwarmMemory, VehicleMemory, state_folder
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.mesh.zenoh_config import part_in
@@ -44,9 +44,9 @@ def run_station(
     pipe: ControlPipe,
     ready: Callable[[], None],
     show: Show,
-    ports: ServedPorts = NO_PORTS,
+    attach: Sequence[str] = (),
 ) -> None:
-    """Watch, command and record the run in `folder` until `run` ends it."""
+    """Watch, command and record the run in `folder` until `run` ends it; `attach`: extensions."""
     manifest = read_manifest(folder)
     listen = [manifest.station_mesh] if manifest.station_mesh else []
     identity = operator_identity(manifest.trust, manifest.flown_by)
@@ -66,21 +66,18 @@ def run_station(
             own=manifest.zenoh,
         )
         opened.callback(node.close)
-        live = opened.enter_context(foxglove_on(ports.foxglove, manifest.plan))
-        mcap = run_mcap(folder, manifest, str(node.name), live)
-        recorder = opened.enter_context(closing(RunRecorder(folder, mcap)))
         endpoints = {agent.id: agent.endpoint for agent in manifest.fleet}
-        memory = SwarmMemory(VehicleMemory(state_folder()), folder.name, endpoints, folder)
         station = Station(
             plan=manifest.plan,
             node=node,
             clock=clock,
-            recorder=recorder,
-            memory=memory,
+            memory=SwarmMemory(VehicleMemory(state_folder()), folder.name, endpoints, folder),
             protection=protection(identity, manifest.signing, is_open=manifest.open_mesh),
         )
+        attached = opened.enter_context(Attachments(attach, station))
+        mcap = run_mcap(folder, manifest, station.name, attached.sinks)
+        station.record(opened.enter_context(closing(RunRecorder(folder, mcap))))
         control = RunControl(pipe, seat, folder)
-        measure = opened.enter_context(metrics_on(ports.metrics))
         seat.join(STATION, manifest.swarm, node.name)
         ready()
         present(
@@ -88,7 +85,7 @@ def run_station(
             manifest.plan,
             lambda: None if pipe.closed else os.kill(os.getppid(), signal.SIGINT),
             lambda screen: loop(
-                station, screen, control, measure, seat.begin, _end(folder, seat, station, screen)
+                station, screen, control, attached, seat.begin, _end(folder, seat, station, screen)
             ),
         )
     if pipe.closed:
@@ -115,8 +112,7 @@ def main() -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("--run", type=Path, required=True)
     parser.add_argument("--show", type=Show, default=Show.DASHBOARD)
-    parser.add_argument("--metrics", type=int)
-    parser.add_argument("--foxglove", type=int)
+    parser.add_argument("--attach", action="append", default=[])
     parser.add_argument("--words-fd", type=int, required=True)
     arguments = parser.parse_args()
     for number in (signal.SIGINT, signal.SIGHUP):
@@ -126,10 +122,9 @@ def main() -> int:
         with contextlib.suppress(OSError):
             os.write(arguments.words_fd, (json.dumps({"say": "ready"}) + "\n").encode())
 
-    ports = ServedPorts(arguments.metrics, arguments.foxglove)
     pipe = ControlPipe(sys.stdin.fileno())
     try:
-        run_station(arguments.run, pipe, ready, arguments.show, ports)
+        run_station(arguments.run, pipe, ready, arguments.show, arguments.attach)
     except SwarmError as error:
         sys.stderr.write(f"{error}\n")
         return error.exit_code

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import json
 import socket
-import threading
 import time
-from collections.abc import Callable
+from types import SimpleNamespace
 
 import pytest
 
-from swarm_ctl import installed
-from swarm_ctl.cli.shared import options
-from swarm_ctl.errors import StartError
+from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.station.foxglove.desk import FIGURES
 from tests.unit.station.swarm import hexagon_plan
 
@@ -46,6 +43,10 @@ def free_port() -> int:
         return port
 
 
+def server_on(port: int) -> FoxgloveServer:
+    return FoxgloveServer(str(port), SimpleNamespace(plan=PLAN))
+
+
 def _read_to_the_end(client: socket.socket) -> None:
     while client.recv(65536):
         pass
@@ -54,23 +55,21 @@ def _read_to_the_end(client: socket.socket) -> None:
 def test_a_port_that_is_taken_is_named() -> None:
     """The first server has it; the error says which, and what to do."""
     port = free_port()
-    first = FoxgloveServer(port, PLAN)
+    first = server_on(port)
     with pytest.raises(StartError, match=f"foxglove: 127.0.0.1:{port}: .*name another port"):
-        FoxgloveServer(port, PLAN)
+        server_on(port)
     first.close()
 
 
-def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """--foxglove without its package: which one, and how to install it."""
-    monkeypatch.setattr(installed, "packages", lambda extra: [f"no-such-{extra}"])
-    with pytest.raises(StartError, match=r"--foxglove needs no-such-foxglove.*swarm-ctl\[foxglove"):
-        options.served(None, 8765)
-    assert options.served(9100, None).metrics == 9100
+@pytest.mark.parametrize("argument", ["x", "0", "70000", "8765 "])
+def test_what_is_no_port_is_refused(argument: str) -> None:
+    with pytest.raises(InputError, match="allowed: a port, 1 to 65535"):
+        FoxgloveServer(argument, SimpleNamespace(plan=PLAN))
 
 
 def test_a_client_that_does_not_read_holds_up_no_write() -> None:
     """It subscribes and reads no more; 200 MB are written all the same, in less than 5 s."""
-    server = FoxgloveServer(port := free_port(), PLAN)
+    server = server_on(port := free_port())
     with socket.create_connection(("127.0.0.1", port)) as client:
         client.sendall(HELLO.encode())
         assert client.recv(20).startswith(b"HTTP/1.1 101")
@@ -91,7 +90,7 @@ def test_a_client_that_only_reads_is_not_given_up(monkeypatch: pytest.MonkeyPatc
     """A browser sends nothing once it has subscribed. It stays for several times what is waited
     for a client that takes nothing, and then gets what is written."""
     monkeypatch.setattr(foxglove_server, "SEND_WALL_S", 0.2)
-    server = FoxgloveServer(port := free_port(), PLAN)
+    server = server_on(port := free_port())
     with socket.create_connection(("127.0.0.1", port)) as client:
         client.sendall(HELLO.encode())
         assert client.recv(20).startswith(b"HTTP/1.1 101")
@@ -103,34 +102,3 @@ def test_a_client_that_only_reads_is_not_given_up(monkeypatch: pytest.MonkeyPatc
         client.settimeout(PATIENCE_S)
         assert client.recv(65536)
     server.close()
-
-
-def test_the_server_may_be_ended_by_two_threads_while_a_third_one_writes() -> None:
-    """The SDK alone says "Already borrowed" to one of them."""
-    for _ in range(5):
-        server, errors = FoxgloveServer(free_port(), PLAN), list[BaseException]()
-        over = threading.Event()
-
-        def guarded(call: Callable[[], None], errors: list[BaseException] = errors) -> None:
-            try:
-                call()
-            except BaseException as error:
-                errors.append(error)
-
-        def write(server: FoxgloveServer = server, over: threading.Event = over) -> None:
-            now_ns = 10**18
-            while not over.is_set():
-                now_ns += 10**9
-                server.write(FIGURES, None, now_ns, now_ns, b"{}")
-
-        calls = [write, server.close, server.close]
-        threads = [threading.Thread(target=guarded, args=(call,)) for call in calls]
-        threads[0].start()
-        time.sleep(0.02)
-        for thread in threads[1:]:
-            thread.start()
-        for thread in threads[1:]:
-            thread.join()
-        over.set()
-        threads[0].join()
-        assert errors == []

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import socket
 import urllib.request
+from contextlib import closing
+from types import SimpleNamespace
 
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
@@ -15,6 +17,10 @@ from swarm_ctl.extensions.prometheus import Metrics
 from tests.unit.station.pictures import PICTURES
 
 pytestmark = pytest.mark.foreign
+
+
+def metrics_on(port: int) -> Metrics:
+    return Metrics(str(port), SimpleNamespace())
 
 
 def _scrape(port: int) -> dict[tuple[str, str], float]:
@@ -31,7 +37,7 @@ def _scrape(port: int) -> dict[tuple[str, str], float]:
 
 def test_a_scrape_gets_the_newest_view() -> None:
     (port,) = free_ports(1, socket.SOCK_STREAM)
-    with Metrics(port) as metrics:
+    with closing(metrics_on(port)) as metrics:
         assert _scrape(port) == {}
         metrics.take(PICTURES["waiting"]())
         assert ("swarm_agent_battery_ratio", "6") not in _scrape(port)
@@ -47,7 +53,7 @@ def test_a_scrape_gets_the_newest_view() -> None:
 
 def test_each_group_has_a_step_of_its_own() -> None:
     (port,) = free_ports(1, socket.SOCK_STREAM)
-    with Metrics(port) as metrics:
+    with closing(metrics_on(port)) as metrics:
         metrics.take(PICTURES["groups"]())
         found = _scrape(port)
     groups = {"scouts": (5, 4), "sweepers": (4, 6), "rest": (3, 2)}
@@ -63,4 +69,6 @@ def test_a_taken_port_is_refused_with_words() -> None:
         held.bind((HOST, 0))
         held.listen()
         with pytest.raises(StartError, match="Address already in use; name another port"):
-            Metrics(held.getsockname()[1])
+            metrics_on(held.getsockname()[1])
+        with pytest.raises(StartError, match="Address already in use; name another port"):
+            Metrics.check(str(held.getsockname()[1]))

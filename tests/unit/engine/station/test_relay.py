@@ -18,6 +18,7 @@ import pytest
 from swarm_ctl.core.model.messages import Event, Severity
 from swarm_ctl.engine.clock import Clock
 from swarm_ctl.engine.lockstep.seat import Seat
+from swarm_ctl.engine.station.attachments import Attachments
 from swarm_ctl.engine.station.control_pipe import ControlPipe
 from swarm_ctl.engine.station.ground_station import Station
 from swarm_ctl.engine.station.printers import write as write_lines
@@ -191,7 +192,8 @@ def test_the_station_beacons_and_records_while_its_output_is_blocked(
     orders, control = os.pipe()
 
     def watch(screen: Screen) -> None:
-        loop(station, screen, RunControl(ControlPipe(orders), Seat(clock), tmp_path))
+        obeys = RunControl(ControlPipe(orders), Seat(clock), tmp_path)
+        loop(station, screen, obeys, Attachments((), station))
 
     worker = threading.Thread(
         target=lambda: present(Show.LOG, PLAN, None, watch, out=pipe[1]), daemon=True

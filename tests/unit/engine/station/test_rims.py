@@ -19,12 +19,14 @@ import pytest
 from swarm_ctl.core.model.messages import Command
 from swarm_ctl.engine.clock import Clock
 from swarm_ctl.engine.lockstep.seat import Seat
-from swarm_ctl.engine.station import screens
+from swarm_ctl.engine.station import attachments, screens
+from swarm_ctl.engine.station.attachments import Attachments
 from swarm_ctl.engine.station.control_pipe import ControlPipe
 from swarm_ctl.engine.station.ground_station import Station
 from swarm_ctl.engine.station.recorders import run_mcap
 from swarm_ctl.engine.station.screens import DashboardScreen, Screen, Show, present
 from swarm_ctl.engine.station.station_loop import RunControl, loop
+from swarm_ctl.extension import Extension
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
@@ -91,7 +93,7 @@ def plugged(monkeypatch: pytest.MonkeyPatch, path: str, share: float) -> Plug:
 
 
 @pytest.mark.parametrize("share", [0.3, 1.0])
-@pytest.mark.parametrize("part", [*PARTS, "metrics"])
+@pytest.mark.parametrize("part", [*PARTS, "extension"])
 def test_an_error_in_what_shows_leaves_beacons_and_commands(
     part: str, share: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -104,11 +106,13 @@ def test_an_error_in_what_shows_leaves_beacons_and_commands(
     hub = MemoryHub(clock.now)
     agent = Node(MemoryTransport(hub), "swarm", 1)
     agent.listen(keys.BEACON, keys.COMMAND)
-    measure = Plug(lambda _: None, share)
+    take = Plug(lambda _: None, share)
+    monkeypatch.setattr(attachments, "wanted", lambda word: (word, Extension, ""))
+    monkeypatch.setattr(Extension, "take", lambda _, view: take(view))
     if part == "troubles":  # which needs a trouble
         share = 1.0
         plugged(monkeypatch, PARTS["fold"], share)
-    plug = measure if part == "metrics" else plugged(monkeypatch, PARTS[part], share)
+    plug = take if part == "extension" else plugged(monkeypatch, PARTS[part], share)
     recorder = RunRecorder(tmp_path, run_mcap(tmp_path, made, "station"))
     node = Node(MemoryTransport(hub), "swarm", "station")
     station = Station(PLAN, node, clock, recorder)
@@ -117,7 +121,9 @@ def test_an_error_in_what_shows_leaves_beacons_and_commands(
     failed: list[BaseException] = []
 
     def watch(screen: Screen) -> None:
-        loop(station, screen, RunControl(ControlPipe(orders), Seat(clock), tmp_path), measure)
+        with Attachments(["any"] * (part == "extension"), station) as attached:
+            pipe = ControlPipe(orders)
+            loop(station, screen, RunControl(pipe, Seat(clock), tmp_path), attached)
 
     def work() -> None:
         try:
