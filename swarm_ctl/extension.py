@@ -141,7 +141,8 @@ def check(words: Sequence[str]) -> None:
         except SwarmError:
             raise
         except Exception as error:
-            raise StartError(f"--attach {name}: {explained(error)}") from error
+            home = kind.__module__.partition(".")[0]
+            raise StartError(f"--attach {name}: {explained(error, home)}") from error
 
 
 def _install(point: metadata.EntryPoint) -> str:

@@ -31,17 +31,18 @@ class Trouble:
 
 class Rim:
     """Runs one part that only shows. `part` is its name for an operator; after `most` errors in a
-    row it is off and is not run any more (None: it is tried on and on).
+    row it is off and is not run any more (None: it is tried on and on). `home`: the package of its
+    code.
 
     Any thread may use it, one at a time. `Exception` alone is caught, memory and recursion errors
     included: an interrupt or an exit passes.
     """
 
-    def __init__(self, part: str, most: int | None = None) -> None:
+    def __init__(self, part: str, most: int | None = None, home: str = "swarm_ctl") -> None:
         self.part: Final = part
         self.count = 0
         """Errors so far."""
-        self._most = most
+        self._most, self._home = most, home
         self._in_row = 0
         self._told: set[bool] = set()
         self._new: deque[Trouble] = deque()
@@ -69,21 +70,21 @@ class Rim:
         self._in_row += 1
         if self.off not in self._told:  # once that it failed, once that it is off
             self._told.add(self.off)
-            self._new.append(Trouble(self.part, explained(error), self.off))
+            self._new.append(Trouble(self.part, explained(error, self._home), self.off))
 
     def troubles(self) -> list[Trouble]:
         """What is new since the last call."""
         return [self._new.popleft() for _ in range(len(self._new))]
 
 
-def explained(error: Exception) -> str:
-    """An error in a line: what it is, and where in the program it came up."""
+def explained(error: Exception, home: str = "swarm_ctl") -> str:
+    """An error in a line: what it is, and where in the package `home` it came up."""
     words = " ".join(str(error).split())[:_CAUSE]
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     where = ""
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
-        if "swarm_ctl" in frame.filename:
+        if home in frame.filename:
             name = frame.filename.replace("\\", "/").rpartition("/")[2]
             where = f" ({name}:{frame.lineno})"
             break

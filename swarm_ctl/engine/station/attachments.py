@@ -56,7 +56,8 @@ class _Attachment:
         self._lock = threading.Lock()
         self._view: SwarmView | None = None
         self._sent: list[tuple[SentCommand, Callable[[Answer], None]]] = []
-        self._rim = Rim(f"extension {name}", most=_GIVEN_UP)
+        home = kind.__module__.partition(".")[0]
+        self._rim = Rim(f"extension {name}", _GIVEN_UP, home)
         self._slow = Rim(f"extension {name}, which is slow,")
         self._orders = Rim(f"an order of extension {name}")
         self.rims = (self._rim, self._slow, self._orders)
@@ -66,7 +67,7 @@ class _Attachment:
         except SwarmError:
             raise
         except Exception as error:
-            raise StartError(f"--attach {word}: {explained(error)}") from error
+            raise StartError(f"--attach {word}: {explained(error, home)}") from error
         self.sink: Sink | None = self._extension.sink and _PostedSink(self._extension.sink, self)
         self._thread = threading.Thread(target=self._work, name=f"extension {name}", daemon=True)
         self._thread.start()
