@@ -26,7 +26,7 @@ from swarm_ctl.cli.shared.result import exit_code, show_summary
 from swarm_ctl.errors import InputError
 
 if TYPE_CHECKING:
-    from swarm_ctl.engine.station.join import SwarmMesh
+    from swarm_ctl.engine.station.join import SwarmElsewhere
     from swarm_ctl.engine.station.screens import Show
 
 _RUN: Final = "A run folder, or the mission of a run that flies.  [default: the one that flies]"
@@ -91,7 +91,7 @@ def station(
     """
     from swarm_ctl.engine.flying_runs import flying_run
     from swarm_ctl.engine.protection import Keys
-    from swarm_ctl.engine.station.join import SwarmMesh, join_run, join_swarm
+    from swarm_ctl.engine.station.join import elsewhere, join_run, join_swarm
     from swarm_ctl.engine.station.screens import shown
     from swarm_ctl.extension import check
     from swarm_ctl.runfolder.manifest import read_manifest
@@ -121,14 +121,16 @@ def station(
         guarded = open_mesh or bool(identity or entries.trust)
         own = zenoh_settings(zenoh_config, guarded=guarded)
         keys = Keys(identity, open_mesh, str(fleet or mission), own)
-        swarm = SwarmMesh(plan, entries, mission, mesh or [], speedup or 1.0, keys)
+        swarm = elsewhere(plan, entries, mission, mesh or [], speedup or 1.0, keys)
         if runs is None:
             join_swarm(swarm, show, attached)
         else:
             raise typer.Exit(_judge(swarm, runs, truth, show, attached))
 
 
-def _judge(swarm: SwarmMesh, runs: Path, truth: Path | None, show: Show, attach: list[str]) -> int:
+def _judge(
+    swarm: SwarmElsewhere, runs: Path, truth: Path | None, show: Show, attach: list[str]
+) -> int:
     """Fly the swarm from here; the exit code."""
     from swarm_ctl.engine.interrupts import Interrupts
     from swarm_ctl.engine.lifeline import sign_of_life

@@ -151,9 +151,7 @@ def _in_run(
     """On the mesh of a run of this machine; and whether that is over."""
     from swarm_ctl.engine.flying_runs import ended, flying_run
     from swarm_ctl.engine.protection import operator_identity
-    from swarm_ctl.engine.station.ground_station import open_node
-    from swarm_ctl.engine.station.mesh_clock import MeshClock
-    from swarm_ctl.mesh.zenoh_config import part_in
+    from swarm_ctl.engine.station.swarm_mesh import SwarmMesh
     from swarm_ctl.runfolder.manifest import read_manifest
 
     folder = flying_run(run)
@@ -165,15 +163,9 @@ def _in_run(
             " target with `along`"
         )
     guarded = open_mesh or manifest.guarded
-    node = open_node(
-        manifest.swarm,
-        manifest.whole_mesh,
-        MeshClock.of_run(manifest),
-        role="target",
-        identity=operator_identity(manifest.trust, identity or manifest.flown_by),
-        part=part_in(manifest.plan, manifest.routers),
-        own=zenoh_settings(zenoh_config, guarded=guarded) if zenoh_config else manifest.zenoh,
-    )
+    own = zenoh_settings(zenoh_config, guarded=guarded) if zenoh_config else None
+    who = operator_identity(manifest.trust, identity or manifest.flown_by)
+    node = SwarmMesh.of_run(manifest, who, own).open_node("target")
     opened.enter_context(closing(node))
     return node, lambda: bool(ended(folder, manifest))
 
@@ -188,9 +180,7 @@ def _in_swarm(
 ) -> tuple[Node, Callable[[], bool]]:
     """On the mesh of a swarm of other hosts, which does not say when it is over."""
     from swarm_ctl.engine.protection import Keys, operator_identity
-    from swarm_ctl.engine.station.ground_station import open_node
-    from swarm_ctl.engine.station.join import SwarmMesh
-    from swarm_ctl.mesh.zenoh_config import part_in
+    from swarm_ctl.engine.station.join import elsewhere
 
     identity, open_mesh, zenoh_config = keys
     plan, entries = plan_and_fleet(mission, fleet)
@@ -198,16 +188,7 @@ def _in_swarm(
     own = zenoh_settings(zenoh_config, guarded=open_mesh or bool(identity or entries.trust))
     given = Keys(identity, open_mesh, str(fleet or mission), own)
     operator_identity(entries.trust, identity)  # a viewer's words would be dropped unseen
-    swarm = SwarmMesh(plan, entries, mission, mesh, 1.0, given)
-    node = open_node(
-        plan.name,
-        swarm.connect,
-        swarm.clock,
-        role="target",
-        identity=swarm.identity,
-        part=part_in(plan, entries.routers),
-        own=own,
-    )
+    node = elsewhere(plan, entries, mission, mesh, 1.0, given).open_node("target")
     opened.enter_context(closing(node))
     return node, lambda: False
 

@@ -124,11 +124,13 @@ def attaching(command: Callable[..., None]) -> Callable[..., None]:
     signature = inspect.signature(command, eval_str=True)
 
     @wraps(command)
-    def with_short_words(**given: Any) -> None:
-        attach = [*(given.pop("attach") or ())]
+    def with_short_words(*words: Any, **given: Any) -> None:
+        attach = [*(given.pop("attach", None) or ())]
         for each in SHORT_WORDS:
-            attach += [f"{each.extension}={word}" for word in given.pop(each.option) or ()]
-        command(**given, attach=attach)
+            attach += [
+                f"{each.extension}={argument}" for argument in given.pop(each.option, None) or ()
+            ]
+        command(*words, **given, attach=attach)
 
     parameters = [
         inspect.Parameter(

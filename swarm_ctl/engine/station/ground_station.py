@@ -3,10 +3,8 @@ commands, says that it is there."""
 
 from __future__ import annotations
 
-import os
-import uuid
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, Final, Protocol
 
@@ -25,23 +23,17 @@ from swarm_ctl.core.model.messages import (
 )
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.engine.clock import Clock
-from swarm_ctl.engine.lockstep.seat import Seat
-from swarm_ctl.engine.protection import access
 from swarm_ctl.engine.station.mesh_clock import MeshClock
 from swarm_ctl.engine.station.recorders import LiveRecorder
 from swarm_ctl.engine.vehicle_memory import SwarmMemory
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh import keys
-from swarm_ctl.mesh.access import station_name
 from swarm_ctl.mesh.node import Node
-from swarm_ctl.mesh.zenoh_config import MeshPart
-from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.rim import Rim
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.protection import LOCAL, Protection
 from swarm_ctl.station.picture.view import AgentView, StationHealth, SwarmView
-from swarm_ctl.trust.identity import Identity
 
 _CHANNELS: Final[tuple[keys.Channel[Any], ...]] = (
     keys.STATE,
@@ -68,42 +60,6 @@ class AnyClock(Protocol):
 
     def now(self) -> float:
         """Mission time [s]."""
-
-
-def open_node(
-    swarm: str,
-    connect: Sequence[str],
-    clock: Clock | MeshClock,
-    *,
-    listen: Sequence[str] = (),
-    role: str = "station",
-    seat: Seat | None = None,
-    identity: Identity | None = None,
-    part: MeshPart = MeshPart.PEER,
-    plan: bytes | None = None,
-    own: Mapping[str, Any] | None = None,
-) -> Node:
-    """Join a swarm's mesh under a name that no other process has, on any host; in lockstep, where
-    `seat` is the process's seat, in no other role. On a protected mesh, `identity` owns it.
-    `part`: `zenoh_config.part_in` the swarm's plan. `plan`: the offer for agents that fetch it
-    (`offers.pack`); None: of a process that is no station. `own`: a user's zenoh settings."""
-    again = seat is not None and seat.repeats
-    suffix = "lockstep" if again else f"{os.getpid()}-{uuid.uuid4().hex[:6]}"
-    name = f"{role}-{suffix}" if identity is None else station_name(identity.name, suffix)
-    transport = ZenohTransport(
-        listen,
-        connect,
-        clock.now,
-        seat.mesh_speedup if seat else clock.speedup,
-        patient=again,
-        access=access(identity, swarm),
-        part=part,
-        own=own,
-        alive="" if plan is None else keys.alive_key(swarm, "station", name),
-    )
-    if plan is not None:
-        transport.serve(keys.plan_key(swarm, name), plan)
-    return Node(seat.mesh(transport) if seat else transport, swarm, name)
 
 
 class Station:

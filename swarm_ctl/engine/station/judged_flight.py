@@ -8,7 +8,7 @@ import math
 import os
 import signal
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -20,13 +20,12 @@ from swarm_ctl.core.model.messages import AgentState, AgentStatus, Outcome, Payl
 from swarm_ctl.engine import clock as wall
 from swarm_ctl.engine.flying_runs import make_folder
 from swarm_ctl.engine.interrupts import Interrupts
-from swarm_ctl.engine.station.attachments import Attachments
 from swarm_ctl.engine.station.ground_station import Station
-from swarm_ctl.engine.station.join import SwarmMesh, open_swarm
+from swarm_ctl.engine.station.join import Hint, SwarmElsewhere, open_elsewhere
 from swarm_ctl.engine.station.mesh_clock import MeshClock
 from swarm_ctl.engine.station.recorders import run_mcap
-from swarm_ctl.engine.station.screens import Screen, Show, present
-from swarm_ctl.engine.station.station_loop import give, loop
+from swarm_ctl.engine.station.screens import Screen, Show
+from swarm_ctl.engine.station.station_loop import Control, give
 from swarm_ctl.engine.station.taken_truth import take_truth
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.files import replacing
@@ -38,7 +37,6 @@ from swarm_ctl.report.judge.verdict import Ending
 from swarm_ctl.rim import Rim, Trouble
 from swarm_ctl.runfolder.last_statuses import FINAL
 from swarm_ctl.runfolder.manifest import Manifest, package_versions, write_manifest
-from swarm_ctl.station.picture.protection import MeshKind
 from swarm_ctl.station.picture.view import AgentView, SwarmView
 
 _SETTLES_WALL_S: Final = 10.0
@@ -60,7 +58,7 @@ class JudgedRun:
 
 
 def judge_swarm(
-    swarm: SwarmMesh,
+    swarm: SwarmElsewhere,
     runs: Path,
     show: Show,
     attach: Sequence[str],
@@ -80,17 +78,11 @@ def judge_swarm(
         interrupts: entered; counts Ctrl-C.
         truth: what a simulator on this computer writes of the vehicles.
     """
-    with ExitStack() as opened:
-        station = opened.enter_context(open_swarm(swarm))
-        attached = opened.enter_context(Attachments(attach, station))
-        flight = _Flight(swarm, runs, interrupts, alive, attached.sinks, truth)
-        opened.callback(flight.close)
-        present(
-            show,
-            station.plan,
-            lambda: os.kill(os.getpid(), signal.SIGINT),
-            lambda screen: loop(station, screen, flight, attached),
-        )
+    with (
+        open_elsewhere(swarm, attach) as session,
+        closing(_Flight(swarm, runs, interrupts, alive, session.attached.sinks, truth)) as flight,
+    ):
+        session.show(show, flight, lambda: os.kill(os.getpid(), signal.SIGINT))
     if flight.unrecorded:
         raise StartError(f"{runs}: the flight was not recorded, so not judged: {flight.unrecorded}")
     if flight.folder is None:
@@ -103,13 +95,13 @@ def judge_swarm(
     return JudgedRun(flight.folder, summary, interrupts.count)
 
 
-class _Flight:
+class _Flight(Control):
     """What such a station obeys: it ends with the agents, or with the second Ctrl-C. Its record
     begins when the agents are heard: the mission's clock is that of the one which is ahead."""
 
     def __init__(
         self,
-        swarm: SwarmMesh,
+        swarm: SwarmElsewhere,
         runs: Path,
         interrupts: Interrupts,
         alive: Callable[[], None],
@@ -117,6 +109,7 @@ class _Flight:
         truth: Path | None = None,
     ) -> None:
         self._swarm = swarm
+        self._hint = Hint(swarm)
         self._source = truth
         self._runs = runs
         self._interrupts = interrupts
@@ -134,7 +127,7 @@ class _Flight:
 
     def obey(self, station: Station, screen: Screen) -> bool:
         self._life.run(self._alive)
-        if text := station.shows.run(self._swarm.hint):
+        if text := station.shows.run(self._hint):
             screen.note(text)
         view = station.seen()
         heard = self._swarm.clock.heard
@@ -166,7 +159,7 @@ class _Flight:
 
     def _record(self, station: Station, screen: Screen) -> None:
         folder = make_folder(self._runs, self._swarm.plan.name)
-        manifest = _manifest(self._swarm, self._swarm.clock)
+        manifest = _manifest(self._swarm)
         write_manifest(folder, manifest)
         self._manifest = manifest
         mcap = run_mcap(folder, manifest, station.name, self._live)
@@ -205,8 +198,8 @@ def _has_ended(agent: AgentView) -> bool:
     return agent.silence_s is not None and agent.silence_s > _SILENT_S
 
 
-def _manifest(swarm: SwarmMesh, clock: MeshClock) -> Manifest:
-    plan, fleet, now_s = swarm.plan, swarm.fleet, clock.now()
+def _manifest(swarm: SwarmElsewhere) -> Manifest:
+    plan, fleet, clock, now_s = swarm.plan, swarm.fleet, swarm.clock, swarm.clock.now()
     trust, identity = fleet.trust, swarm.identity
     return Manifest(
         mission=str(swarm.source),
@@ -223,7 +216,7 @@ def _manifest(swarm: SwarmMesh, clock: MeshClock) -> Manifest:
         trust=None if trust is None else str(Path(trust).absolute()),
         signing=fleet.signing,
         identity=None if identity is None else str(identity.folder.absolute()),
-        open_mesh=swarm.protection.mesh is MeshKind.OPEN,
+        open_mesh=swarm.is_open,
         versions=package_versions(),
     )
 

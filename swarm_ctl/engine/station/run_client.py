@@ -16,10 +16,9 @@ from swarm_ctl.engine import clock as wall
 from swarm_ctl.engine.flying_runs import flying_run
 from swarm_ctl.engine.lockstep.seat import TEST, BarrierSeat
 from swarm_ctl.engine.protection import explained, operator_identity
-from swarm_ctl.engine.station.ground_station import Station, open_node, swarm_now
-from swarm_ctl.engine.station.mesh_clock import MeshClock
+from swarm_ctl.engine.station.ground_station import Station, swarm_now
+from swarm_ctl.engine.station.swarm_mesh import SwarmMesh
 from swarm_ctl.errors import StartError
-from swarm_ctl.mesh.zenoh_config import part_in
 from swarm_ctl.runfolder.manifest import Manifest, read_manifest
 from swarm_ctl.station.picture.view import AgentView, SwarmView
 
@@ -54,22 +53,12 @@ class RunClient:
     ) -> None:
         self._manifest: Manifest = read_manifest(flying_run(run))
         manifest, self._seat = self._manifest, seat
-        clock = self._clock = seat.clock if seat else MeshClock.of_run(manifest)
-        swarm, mesh = manifest.swarm, manifest.whole_mesh
         self._identity = operator_identity(manifest.trust, identity or manifest.flown_by)
-        self._node = open_node(
-            swarm,
-            mesh,
-            clock,
-            role="send",
-            seat=seat,
-            identity=self._identity,
-            part=part_in(manifest.plan, manifest.routers),
-            own=manifest.zenoh if zenoh is None else zenoh,
-        )
-        self._station = Station(manifest.plan, self._node, clock)
+        mesh = SwarmMesh.of_run(manifest, self._identity, zenoh, seat)
+        self._clock, self._node = mesh.clock, mesh.open_node("send")
+        self._station = Station(manifest.plan, self._node, self._clock)
         if seat is not None:
-            seat.join(TEST, swarm, self._node.name)
+            seat.join(TEST, manifest.swarm, self._node.name)
             self.turn()
 
     def turn(self) -> None:

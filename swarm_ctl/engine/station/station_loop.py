@@ -12,11 +12,12 @@ from typing import Any, Final, Protocol
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.swarm.hearing import hears_all
 from swarm_ctl.engine import clock as wall
-from swarm_ctl.engine.lockstep.seat import Seat
+from swarm_ctl.engine.lockstep.seat import Seat, die
 from swarm_ctl.engine.station.attachments import Attachments
 from swarm_ctl.engine.station.control_pipe import ControlPipe
 from swarm_ctl.engine.station.ground_station import Station
 from swarm_ctl.engine.station.screens import Screen
+from swarm_ctl.engine.station.scripted_operator import ScriptedOperator, script_of
 from swarm_ctl.errors import InputError
 from swarm_ctl.station.picture.view import AgentView, SwarmView
 
@@ -42,32 +43,28 @@ class Control(Protocol):
     def obey(self, station: Station, screen: Screen) -> bool:
         """Once a turn; True ends the loop."""
 
+    def begin(self, wall_seconds: float) -> bool:
+        """Wait, at most so long; whether the station may take its turn now."""
+        wall.pause(wall_seconds)
+        return True
 
-def _pause(wall_seconds: float) -> bool:
-    wall.pause(wall_seconds)
-    return True
+    def end(self, station: Station, screen: Screen) -> None:
+        """The turn is over."""
+        del station, screen
 
 
-def loop(
-    station: Station,
-    screen: Screen,
-    control: Control,
-    attached: Attachments,
-    begin: Callable[[float], bool] = _pause,
-    end: Callable[[], None] = lambda: None,
-) -> None:
-    """Run the station until its control ends it; `attached` gets each view, `begin` and `end` are
-    its seat's."""
+def loop(station: Station, screen: Screen, control: Control, attached: Attachments) -> None:
+    """Run the station until its control ends it; `attached` gets each view."""
     blind_due = 0.0
     show_due, every_s = 0.0, _SHOW_WALL_S if hears_all(station.plan) else _SHOW_MANY_WALL_S
     while not control.obey(station, screen):
         for order in screen.orders():
             give(order, station, screen)
         attached.turn()
-        if begin(_LOOP_WALL_S):
+        if control.begin(_LOOP_WALL_S):
             for text in station.turn():
                 screen.note(text)
-            end()
+            control.end(station, screen)
         if wall.wall_s() >= show_due:
             show_due = wall.wall_s() + every_s
             view = station.seen()
@@ -87,7 +84,7 @@ def give(order: Order, station: Station, screen: Screen) -> None:
         screen.note(str(error))
 
 
-class GuestControl:
+class GuestControl(Control):
     """Of a station that has joined a swarm: it ends with its screen; log lines and JSON, which no
     one closes, with the swarm."""
 
@@ -119,15 +116,17 @@ class GuestControl:
         return self._told
 
 
-class RunControl:
+class RunControl(Control):
     """Of a run's own station: `run` ends it. When `run` is killed, the station ends after the
-    agents and the simulator."""
+    agents and the simulator. In a scenario, its operator has his turn at the end of each tick."""
 
     def __init__(self, pipe: ControlPipe, seat: Seat, folder: Path) -> None:
         self._pipe = pipe
         self._seat = seat
         self._truth = folder / "truth.jsonl"
         self._accounts = folder / "agents"
+        self._script = script_of(folder)
+        self._operator: ScriptedOperator | None = None
         self._look_wall_s = 0.0
         self._agents_ended_s: float | None = None
 
@@ -147,6 +146,17 @@ class RunControl:
             return False
         self._look_wall_s = wall.wall_s() + _SHOW_WALL_S
         return self._all_ended(station.seen(), len(station.plan.agents))
+
+    def begin(self, wall_seconds: float) -> bool:
+        return self._seat.begin(wall_seconds)
+
+    def end(self, station: Station, screen: Screen) -> None:
+        if self._script is not None:
+            if self._operator is None:
+                self._operator = ScriptedOperator(self._script, station, screen.note)
+            if self._operator.turn(self._seat.clock.now()):
+                die(self._seat)
+        self._seat.end()
 
     @staticmethod
     def _pass_on(message: dict[str, Any], station: Station, screen: Screen) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from swarm_ctl.core.model.messages import Ack, Command, Event, Severity
 from swarm_ctl.engine.station import station_loop
-from swarm_ctl.engine.station.join import _Hint
+from swarm_ctl.engine.station.join import Hint
 from swarm_ctl.engine.station.mesh_clock import MeshClock
 from swarm_ctl.recording.mcap_recorder import McapRecorder
 from swarm_ctl.recording.run_recorder import RunRecorder
@@ -44,7 +46,8 @@ def test_the_run_folder_has_the_log_from_the_start(tmp_path: Path) -> None:
 def test_without_a_run_folder_it_says_that_its_log_begins_now() -> None:
     """Once it hears an agent, and once."""
     clock = MeshClock(1.0)
-    hint = _Hint(clock, ["tcp/10.0.0.11:7447"], None)
+    mesh: Any = SimpleNamespace(clock=clock, connect=["tcp/10.0.0.11:7447"], identity=None)
+    hint = Hint(mesh)
     assert hint() == ""
     clock.hear(40.0)
     assert "log from now on" in hint()

@@ -30,8 +30,9 @@ class Begins:
         self.now, self.begun = 100.0, False
         monkeypatch.setattr(judged_flight.wall, "wall_s", lambda: self.now)
         monkeypatch.setattr(_Flight, "_record", self._record)
-        swarm: Any = SimpleNamespace(clock=SimpleNamespace(heard=True), hint=lambda: "")
+        swarm: Any = SimpleNamespace(clock=SimpleNamespace(heard=True))
         quiet: Any = SimpleNamespace(count=0, again=False)
+        monkeypatch.setattr(judged_flight, "Hint", lambda _: str)
         self._flight = _Flight(swarm, Path(), quiet, lambda: None, [])
 
     def _record(self, *_: object) -> None:
