@@ -49,6 +49,9 @@ class StationHandle(Protocol):
     def now(self) -> float:
         """Mission time [s]."""
 
+    def tell(self, text: str) -> None:
+        """Say a line to the station's operator."""
+
     def order(self, order: Order, answered: Callable[[Answer], None] | None = None) -> None:
         """Give an operator's order; returns at once. The station sends it in a turn of its own, an
         order a turn (50 ms), as if its operator had given it. `answered` gets the answer, in the

@@ -91,6 +91,10 @@ _FOXGLOVE = (
     "Serve Foxglove on this port of 127.0.0.1 (8765 is its own default): map, 3-D scene, plots,"
     " log. Needs the extra `foxglove`."
 )
+_WEB = (
+    "Serve a live map for web browsers on this port of 127.0.0.1; the station tells the link. Who"
+    " has it may look, and nothing else.  [8700 where no port follows]"
+)
 _SPEEDUP = "Mission seconds per second of the wall clock."
 Speedup = Annotated[float, option("FACTOR", _SPEEDUP, min=0.1, max=100.0)]
 Seed = Annotated[int, option("NUMBER", "Seed of all random numbers.", min=0)]
@@ -112,6 +116,7 @@ class ShortWord(NamedTuple):
 
 SHORT_WORDS = (
     ShortWord("metrics", "prometheus", "PORT", "Prometheus metrics on this port of 127.0.0.1."),
+    ShortWord("web", "browser", "PORT", _WEB, alone="8700"),
     ShortWord("foxglove", "foxglove", "PORT", _FOXGLOVE),
 )
 _ALONE = {"--gcs": str(GCS_PORT)} | {

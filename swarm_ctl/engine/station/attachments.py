@@ -36,7 +36,11 @@ class _Handle:
         self.plan, self.name = station.plan, station.name
         self.speedup, self.now = station.clock.speedup, station.clock.now
         self.given = deque[tuple[Order, Callable[[Answer], None]]]()
+        self.said = deque[str](maxlen=_ORDERS)
         self.post: Callable[[Callable[[], None]], None] = lambda _: None
+
+    def tell(self, text: str) -> None:
+        self.said.append(text)
 
     def order(self, order: Order, answered: Callable[[Answer], None] | None = None) -> None:
         answered = answered or (lambda _: None)
@@ -97,7 +101,10 @@ class _Attachment:
             self._extension.take(view)
 
     def turn(self) -> None:
-        """Send one of its orders; tell it what came of those before."""
+        """Send one of its orders; tell it what came of those before, and the operator what it
+        says."""
+        while self._handle.said:
+            self._station.tell(self._handle.said.popleft())
         self._answer(lambda sent: sent.over)
         if not self._handle.given or self._rim.off:
             return

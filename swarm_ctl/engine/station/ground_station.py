@@ -82,7 +82,7 @@ class Station:
         self._recorder = recorder
         self._memory = memory
         self._protection = protection
-        self._troubles: list[str] = []
+        self._news: list[str] = []
         self._name = str(node.name)
         self._hash = plan.hash()
         self._model = self._new_model()
@@ -117,6 +117,10 @@ class Station:
     def tell_of(self, rims: Iterable[Rim]) -> None:
         """Tell what goes wrong in these, too."""
         self._rims += rims
+
+    def tell(self, text: str) -> None:
+        """Tell the operator, at the next turn."""
+        self._news.append(text)
 
     def recall(self, past: Iterable[Event | Command | Ack]) -> None:
         """Take in what was said on the mesh before this station joined."""
@@ -181,7 +185,7 @@ class Station:
                 self._take(word, received_s)
         ended = self._sender.turn(self.clock.now())
         told = [f"tune: nothing changes; {sent.failed}" for sent in ended if sent.failed]
-        told, self._troubles = told + self._troubles, []
+        told, self._news = told + self._news, []
         return told + self.troubles()
 
     def troubles(self) -> list[str]:
@@ -221,7 +225,7 @@ class Station:
                 self._answers.run(self._sender.hear, payload)
             case AgentStatus() if self._memory is not None:
                 trouble = self._memory_rim.run(self._memory.hear, payload)
-                self._troubles += [f"agent {payload.agent}: {trouble}"] if trouble else []
+                self._news += [f"agent {payload.agent}: {trouble}"] if trouble else []
             case AgentState(agent=agent) if agent in self._agents:
                 if isinstance(self.clock, MeshClock):
                     self.clock.hear(payload.time_s)

@@ -14,15 +14,12 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from swarm_ctl.files import replacing
+from swarm_ctl.report.page.player_parts import COLOURS
 
 Floats = NDArray[np.float64]
 
-COLOURS: Final = (
-    *("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00"),
-    *("#56B4E9", "#8C564B", "#7F7F7F", "#000000"),
-)
-"""Colour-blind readers can tell them apart (Okabe and Ito); they repeat with other dashes."""
 _DASHES: Final = ("-", "--", ":", "-.")
+"""Colours repeat with other ones."""
 _STYLE: Final[Any] = {
     "font.size": 10,
     "axes.spines.top": False,

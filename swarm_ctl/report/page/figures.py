@@ -25,6 +25,7 @@ from swarm_ctl.report.page.drawing import (
     log_ticks,
     trajectories,
 )
+from swarm_ctl.report.page.player_parts import inks, labels
 from swarm_ctl.report.page.run_history import RunHistory, least
 
 _SHOWN: Final = 12
@@ -43,8 +44,8 @@ def tracks(history: RunHistory) -> Figure | None:
         return None
     made, axes = figure("Trajectories: start hollow, end of formation flight filled", 5.2, 4.6)
     points = flight.points_m[flown].transpose(0, 2, 1)
-    shape, inks = _shape(history), history.inks
-    trajectories(axes, points, history.labels, shape, unit="m", inks=inks)
+    shape, colours = _shape(history), inks(history.plan)
+    trajectories(axes, points, labels(history.plan), shape, unit="m", inks=colours)
     return made
 
 

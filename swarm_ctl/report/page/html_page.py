@@ -21,7 +21,8 @@ from swarm_ctl.report.judge.summary import Summary, read_summary
 from swarm_ctl.report.page.alarm_list import log_entries
 from swarm_ctl.report.page.drawing import DPI, same_scale, save
 from swarm_ctl.report.page.figures import FIGURES, overlay
-from swarm_ctl.report.page.player import player, script_hash, style
+from swarm_ctl.report.page.player import player
+from swarm_ctl.report.page.player_parts import script, script_hash, style
 from swarm_ctl.report.page.run_history import RunHistory, read_history
 from swarm_ctl.report.page.summary_table import figures_of, render_summary
 from swarm_ctl.rim import Rim
@@ -233,7 +234,7 @@ def _page(title: str, parts: Mapping[str, str]) -> str:
     body = "".join(f"<h2>{_text(heading)}</h2>{part}" for heading, part in found)
     policy = (
         "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; "
-        f"style-src 'unsafe-inline'; script-src '{script_hash()}'"
+        f"style-src 'unsafe-inline'; script-src '{script_hash(script())}'"
     )
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'

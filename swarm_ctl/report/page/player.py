@@ -2,17 +2,14 @@
 
 `assets/player.js` draws what this module writes. Nothing of the run becomes markup or program: the
 page carries it as JSON, and its content security policy lets the player's own script run alone.
+What it shares with a page that follows a flight is in `player_parts`.
 """
 
 from __future__ import annotations
 
-import base64
-import hashlib
-import json
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from typing import Any, Final
 
 import numpy as np
@@ -20,10 +17,16 @@ from numpy.typing import NDArray
 
 from swarm_ctl.core.model.plan import EVERYONE
 from swarm_ctl.core.model.text import printable
-from swarm_ctl.report.page.drawing import COLOURS
+from swarm_ctl.report.page.player_parts import (
+    curves,
+    drawn_zone,
+    flown_moments,
+    inks,
+    labels,
+    markup,
+)
 from swarm_ctl.report.page.run_history import RunHistory, least
 from swarm_ctl.runfolder.flight import Flight
-from swarm_ctl.runfolder.truth import Floats
 from swarm_ctl.station.picture.journal import JournalLine
 
 OFF_M: Final = 0.05
@@ -31,10 +34,6 @@ OFF_M: Final = 0.05
 _STRIDES: Final = (10, 5, 3, 2)
 _MOST: Final = 200_000
 """Moments times agents that a page keeps at most: 11 bytes each."""
-_FINEST_M: Final = 0.01
-_LARGEST: Final = 32_000
-_UNKNOWN: Final = -32_768
-"""The whole number of a place that is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,17 +43,6 @@ class _Kept:
 
     moments: NDArray[np.intp]
     off_m: float
-
-
-def script_hash() -> str:
-    """What a content security policy knows the player's script by."""
-    digest = hashlib.sha256(_asset("player.js").encode()).digest()
-    return f"sha256-{base64.b64encode(digest).decode()}"
-
-
-def style() -> str:
-    """The player's part of the page's style."""
-    return _asset("player.css")
 
 
 def player(runs: Sequence[tuple[RunHistory, Iterable[JournalLine]]]) -> str:
@@ -68,49 +56,38 @@ def player(runs: Sequence[tuple[RunHistory, Iterable[JournalLine]]]) -> str:
         return ""
     several = len(runs) > 1
     found = [_run(history, entries, aligned=several) for history, entries in shown]
-    text = json.dumps({"colours": COLOURS, "runs": found}, allow_nan=False)
-    for mark in "<>&":
-        text = text.replace(mark, f"\\u{ord(mark):04x}")
-    return (
-        f'<script type="application/json" id="flight">{text}</script>'
-        f"{_asset('player.html')}<script>{_asset('player.js')}</script>"
-    )
+    return markup({"runs": found})
 
 
 def _run(history: RunHistory, entries: Iterable[JournalLine], *, aligned: bool) -> dict[str, Any]:
     flight, plan = history.flight, history.plan
     kept = _thinned(flight)
     at = kept.moments
-    middle_m, grain_m = _scale(flight.position_ned_m)
+    states = flight.airborne[at] + 2 * flight.live[at]
+    places = flown_moments(
+        flight.time_s[at], flight.position_ned_m[at], history.deviations()[at], states
+    )
     column = history.agents.index
     return {
         "name": printable(history.name),
         "by": history.by,
         "agents": history.agents,
-        "labels": history.labels,
-        "inks": history.inks,
+        "labels": labels(plan),
+        "inks": inks(plan),
         "r_in_m": round(plan.law.r_in * plan.unit_m, 6),
         "r_out_m": round(plan.law.r_out * plan.unit_m, 6),
         "zero_s": history.first_form_s() if aligned else 0.0,
-        "off_m": round(kept.off_m + grain_m / 2, 3),
+        "off_m": round(kept.off_m + places["grain_m"] / 2, 3),
         "every_s": round(float(np.median(np.diff(flight.time_s[at]))), 3),
-        "middle_m": middle_m.tolist(),
-        "grain_m": grain_m,
-        "times_s": _packed(flight.time_s[at], "<f4"),
-        "places": _packed(_whole(flight.position_ned_m[at] - middle_m, grain_m), "<i2"),
-        "away": _packed(_whole(history.deviations()[at], grain_m), "<i2"),
-        "states": _packed(flight.airborne[at] + 2 * flight.live[at], "u1"),
+        **places,
         "curves": _curves(history),
         "links": [[column(i), column(j)] for i, j in history.links],
         "zones": [
-            {
-                "name": printable(z.name),
-                "at": z.outline_m,
-                "floor": z.floor_m,
-                "ceiling": z.ceiling_m,
-                "since": round(since_s, 1) if math.isfinite(since_s) else None,
-                "until": round(until_s, 1) if math.isfinite(until_s) else None,
-            }
+            drawn_zone(
+                z,
+                round(since_s, 1) if math.isfinite(since_s) else None,
+                round(until_s, 1) if math.isfinite(until_s) else None,
+            )
             for z, since_s, until_s in history.run.zones
         ],
         "targets": [
@@ -122,6 +99,8 @@ def _run(history: RunHistory, entries: Iterable[JournalLine], *, aligned: bool) 
             for track in history.targets()
         ],
         "fence_m": plan.fence.polygon_m if plan.fence else [],
+        "fence_height_m": plan.fence.height_m if plan.fence else None,
+        "homes": _homes(flight),
         "steps": _steps(history),
         "marks": [_mark(entry) for entry in entries],
     }
@@ -151,19 +130,14 @@ def _off(flight: Flight, moments: NDArray[np.intp]) -> float:
     return worst
 
 
-def _scale(places: Floats) -> tuple[Floats, float]:
-    """The middle of all places (3,), and the grain [m] in which 16 bits reach them all."""
-    there = places[np.isfinite(places).all(axis=-1)]
-    if not len(there):
-        return np.zeros(3), _FINEST_M
-    low, high = there.min(axis=0), there.max(axis=0)
-    return (low + high) / 2, max(_FINEST_M, float((high - low).max()) / _LARGEST)
-
-
-def _whole(values: Floats, grain_m: float) -> NDArray[np.int16]:
-    known = np.isfinite(values)
-    steps = np.clip(np.round(np.where(known, values, 0.0) / grain_m), -_LARGEST, _LARGEST)
-    return np.where(known, steps, _UNKNOWN).astype(np.int16)
+def _homes(flight: Flight) -> list[list[float] | None]:
+    """Where each vehicle stood at first, (north, east) [m]; None where it was in the air."""
+    known = np.isfinite(flight.position_ned_m).all(axis=-1)
+    found: list[list[float] | None] = []
+    for k, first in enumerate(np.argmax(known, axis=0)):
+        stood = known[first, k] and not flight.airborne[first, k]
+        found.append(np.round(flight.position_ned_m[first, k, :2], 2).tolist() if stood else None)
+    return found
 
 
 def _curves(history: RunHistory) -> dict[str, str]:
@@ -176,12 +150,8 @@ def _curves(history: RunHistory) -> dict[str, str]:
     apart[rows, first] = np.inf
     second = np.argmin(np.where(np.isnan(apart), np.inf, apart), axis=1)
     error_m = -least(-np.linalg.norm(history.deviations(), axis=-1))
-    return {
-        "times_s": _packed(history.flight.time_s, "<f4"),
-        "near_m": _packed(least(near), "<f4"),
-        "pairs": _packed(np.stack((first, second), axis=-1), "<u2"),
-        "error_m": _packed(error_m, "<f4"),
-    }
+    pairs = np.stack((first, second), axis=-1)
+    return curves(history.flight.time_s, least(near), pairs, error_m)
 
 
 def _steps(history: RunHistory) -> list[dict[str, Any]]:
@@ -212,11 +182,3 @@ def _mark(entry: JournalLine) -> dict[str, Any]:
         "level": entry.level.name.lower(),
         "text": f"{entry.kind}: {printable(entry.text)}",
     }
-
-
-def _packed(values: NDArray[Any], kind: str) -> str:
-    return base64.b64encode(values.astype(kind).tobytes()).decode()
-
-
-def _asset(name: str) -> str:
-    return (resources.files(__package__ or "") / "assets" / name).read_text("utf-8")

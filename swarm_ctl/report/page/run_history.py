@@ -14,7 +14,7 @@ from swarm_ctl.core.law.formation import distances
 from swarm_ctl.core.law.graph import edges
 from swarm_ctl.core.model.frames import ned_from_geodetic
 from swarm_ctl.core.model.messages import AgentState, AgentStatus, Payload, SigmaReport, TargetWord
-from swarm_ctl.core.model.plan import EVERYONE, Geodetic, Plan
+from swarm_ctl.core.model.plan import Geodetic, Plan
 from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.targets import PREDICTED_S, STANDS_MPS
 from swarm_ctl.errors import InputError
@@ -91,28 +91,6 @@ class RunHistory:
     def agents(self) -> list[int]:
         """Ids in the plan's order."""
         return [agent.id for agent in self.plan.agents]
-
-    @property
-    def groups(self) -> list[str]:
-        """Of each agent, the first group that it flies in beside others; '': none."""
-        named = [group for group in self.plan.groups if group.name != EVERYONE]
-        return [next((g.name for g in named if i in g.members), "") for i in self.agents]
-
-    @property
-    def inks(self) -> list[int]:
-        """The number of each agent's colour; in a mission with groups those of a group have one."""
-        found = self.groups
-        names = [*dict.fromkeys(filter(None, found)), ""]
-        return [names.index(name) for name in found] if any(found) else [*range(len(found))]
-
-    @property
-    def labels(self) -> list[str]:
-        """The agents' ids; the first of a group has its name, too."""
-        found = self.groups
-        return [
-            f"{agent} {name}" if name and name not in found[:k] else str(agent)
-            for k, (agent, name) in enumerate(zip(self.agents, found, strict=True))
-        ]
 
     @property
     def by(self) -> str:

@@ -1,6 +1,7 @@
 // The player of a report: plan view, 3-D, values and curves of one flight, or of several over one
-// another. player.py writes the data. North, east, up in metres; times in seconds of the slider.
-// All text of a run is set as text, never as markup.
+// another; player.py writes the data. Of a flight that goes on, the page gives it the newest moments
+// by events "flown" (extensions/browser), and it is hidden before the first. North, east, up in
+// metres; times in seconds of the slider. All text of a run is set as text, never as markup.
 "use strict";
 (() => {
   const TRAIL_POINTS = 200; // of a trail, at most
@@ -20,29 +21,40 @@
       whole === -32768 ? NaN : whole * grain + middle[k % middle.length]);
   const moved = (text, zero) => new Float32Array(bytes(text)).map((t) => t - zero);
 
+  // Moments as player_parts.py writes them.
+  function unpacked(told, zero) {
+    const [north, east, down] = told.middle_m;
+    return {
+      times: moved(told.times_s, zero),
+      places: metres(told.places, told.grain_m, [north, east, down]),
+      away: metres(told.away, told.grain_m, [0, 0]),
+      states: new Uint8Array(bytes(told.states)),
+      curve: {
+        times: moved(told.curves.times_s, zero),
+        near: new Float32Array(bytes(told.curves.near_m)),
+        error: new Float32Array(bytes(told.curves.error_m)),
+        pairs: new Uint16Array(bytes(told.curves.pairs)),
+      },
+    };
+  }
+
   const runs = flight.runs.map((run, k) => {
     const n = run.agents.length;
     const shift = (told) => told.map((one) => ({ ...one, t: one.t - run.zero_s }));
-    const [north, east, down] = run.middle_m;
     return {
       ...run, n, k,
       steps: shift(run.steps), marks: shift(run.marks),
-      times: moved(run.times_s, run.zero_s),
-      places: metres(run.places, run.grain_m, [north, east, down]),
-      away: metres(run.away, run.grain_m, [0, 0]),
-      states: new Uint8Array(bytes(run.states)),
-      curve: {
-        times: moved(run.curves.times_s, run.zero_s),
-        near: new Float32Array(bytes(run.curves.near_m)),
-        error: new Float32Array(bytes(run.curves.error_m)),
-        pairs: new Uint16Array(bytes(run.curves.pairs)),
-      },
+      ...unpacked(run, run.zero_s),
       now: Array.from({ length: n }, () => ({})),
     };
   });
   const several = runs.length > 1;
-  const first = Math.min(...runs.map((run) => run.times[0]));
-  const last = Math.max(...runs.map((run) => run.times.at(-1)));
+  let first = 0, last = 0;
+  function span() {
+    first = Math.min(...runs.map((run) => run.times[0] ?? 0));
+    last = Math.max(...runs.map((run) => run.times.at(-1) ?? 0));
+  }
+  span();
 
   // The index of the last time that is not after t; 0 before all of them.
   function before(times, t) {
@@ -226,6 +238,13 @@
       for (const run of runs) this.vehicles(pen, run);
     }
     below(pen, run) {
+      run.homes.forEach((home, i) => {
+        if (!home) return;
+        const [x, y] = this.place(...home, 0);
+        pen.strokeStyle = colour(run, i);
+        pen.lineWidth = 1;
+        pen.strokeRect(x - 4, y - 4, 8, 8);
+      });
       const put = (point) => this.place(...point);
       pen.globalAlpha = clamp(60 / run.links.length, 0.1, 1); // hundreds would hide the rest
       if (part("links").checked)
@@ -368,6 +387,13 @@
             path(pen, ends.map((up) => this.place(...p, up)), ink.hit, 1);
           words(pen, zone.name, ...this.place(...zone.at[0], ends[1]).slice(0, 2), ink.axis);
         }
+      for (const run of runs) {
+        const around = run.fence_m.length ? [...run.fence_m, run.fence_m[0]] : [];
+        for (const up of [0, run.fence_height_m ?? 0])
+          path(pen, around.map((p) => this.place(...p, up)), ink.hit, 1, [6, 4]);
+        for (const p of run.fence_m)
+          path(pen, [0, run.fence_height_m ?? 0].map((up) => this.place(...p, up)), ink.hit, 1, [6, 4]);
+      }
       name("N", n0 + half, e0);
       name("E", n0, e0 + half);
       words(pen, `grid ${step} m`, 6, 16, ink.axis);
@@ -394,13 +420,14 @@
     return [low.map((x, c) => (x + high[c]) / 2), low.map((x, c) => Math.max((high[c] - x) / 2, 0.5))];
   }
 
-  const extent = box(runs.flatMap((run) => {
+  const reached = () => box(runs.flatMap((run) => {
     const points = [];
     for (let at = 0; at < run.places.length; at += 3)
       points.push([run.places[at], run.places[at + 1], -run.places[at + 2]]);
     for (const target of run.targets) points.push(...target.at.map(([n, e, d]) => [n, e, -d]));
     return points;
   }));
+  let extent = reached();
 
   // ---- curves over time: drawn anew when their size changes, under a cursor that moves
 
@@ -469,13 +496,15 @@
 
   const slider = part("time"), cursor = part("cursor");
   const share = (t) => `${(clamp((t - first) / (last - first), 0, 1) * 100).toFixed(3)}%`;
-  const stepButtons = [];
+  const jumps = [], stepButtons = [];
+  let events = [];
 
   function go(t) {
     time = clamp(t, first, last);
     slider.value = time;
     slider.setAttribute("aria-valuetext", `${time.toFixed(1)} s, ${stepAt(runs[0])}`);
     cursor.style.left = share(time);
+    part("newest").classList.toggle("on", time >= last);
     for (const { button, start, end } of stepButtons)
       button.classList.toggle("on", start <= time + 1e-3 && time < end);
     paint();
@@ -487,22 +516,21 @@
     button.className = kind;
     button.title = text;
     button.setAttribute("aria-label", text);
-    button.style.left = share(t);
     button.addEventListener("click", () => go(t));
+    jumps.push({ button, t });
     return button;
   }
 
   function addSteps(run) {
     const row = part("steps").appendChild(make("div", "", "row"));
     run.steps.forEach((step, k) => {
-      const end = run.steps[k + 1] ? run.steps[k + 1].t : run.times.at(-1);
+      const end = run.steps[k + 1]?.t;
       const whose = several ? `${run.name}: ` : "";
       const button = jump("", step.t, `${whose}${step.text}, from ${step.t.toFixed(1)} s`);
       button.textContent = step.text;
-      button.style.width = `${Math.max(0, end - Math.max(step.t, first)) / (last - first) * 100}%`;
       if (several) button.style.borderLeftColor = flight.colours[run.k % flight.colours.length];
       row.append(button);
-      stepButtons.push({ button, start: step.t, end: run.steps[k + 1] ? end : Infinity });
+      stepButtons.push({ button, start: step.t, end: end ?? Infinity, run });
     });
   }
 
@@ -529,6 +557,62 @@
       (run) => run.steps.map((step) => step.t))])].sort((a, b) => a - b);
   }
 
+  // All that lies on the line of time, made anew.
+  function fill() {
+    jumps.length = stepButtons.length = 0;
+    part("steps").replaceChildren();
+    part("marks").replaceChildren();
+    runs.forEach(addSteps);
+    events = addMarks();
+    lay();
+  }
+
+  // The same where the line's ends have moved.
+  function lay() {
+    slider.min = first;
+    slider.max = last;
+    for (const { button, t } of jumps) button.style.left = share(t);
+    for (const { button, start, end, run } of stepButtons) {
+      const length = Math.min(end, run.times.at(-1) ?? last) - Math.max(start, first);
+      button.style.width = `${Math.max(0, length) / (last - first) * 100}%`;
+    }
+  }
+
+  // ---- a flight that goes on
+
+  function joined(a, b) {
+    const all = new a.constructor(a.length + b.length);
+    all.set(a);
+    all.set(b, a.length);
+    return all;
+  }
+
+  // `told` has moments, all of them (`whole`) or those that follow, and what has changed beside.
+  function grow(told) {
+    const [run] = runs, newest = time >= last, more = unpacked(told, run.zero_s);
+    const add = (to, name) => { to[0][name] = told.whole ? to[1][name] : joined(to[0][name], to[1][name]); };
+    for (const name of ["times", "places", "away", "states"]) add([run, more], name);
+    for (const name of ["times", "near", "error", "pairs"]) add([run.curve, more.curve], name);
+    Object.assign(run, { zones: told.zones, homes: told.homes, links: told.links });
+    for (const one of told.targets) {
+      const known = told.whole ? null : run.targets.find(({ name }) => name === one.name);
+      if (known) { known.times.push(...one.times); known.at.push(...one.at); }
+    }
+    const names = new Set(run.targets.map(({ name }) => name));
+    run.targets = told.whole ? told.targets
+      : [...run.targets, ...told.targets.filter(({ name }) => !names.has(name))];
+    root.hidden = run.times.length < 2;
+    if (root.hidden) return;
+    span();
+    extent = reached();
+    if (told.steps) {
+      Object.assign(run, { steps: told.steps, marks: told.marks });
+      fill();
+    } else lay();
+    curves();
+    go(newest ? last : time);
+  }
+
   // ---- playing
 
   let playing = false, shown = null;
@@ -547,7 +631,7 @@
       shown = wall;
       if (time >= last) play(false);
     }
-    if (fresh) {
+    if (fresh && !root.hidden) {
       fresh = false;
       for (const run of runs) sample(run, time);
       for (const view of views) view.draw();
@@ -571,11 +655,8 @@
 
   // ---- start
 
-  root.hidden = false;
-  slider.min = first;
-  slider.max = last;
-  runs.forEach(addSteps);
-  const events = addMarks();
+  root.hidden = runs[0].times.length < 2;
+  fill();
   views.push(new Plan(part("plan")), new Scene(part("scene")));
   const hue = () => {
     readColours();
@@ -603,7 +684,10 @@
       });
       cell.replaceChildren(button);
     }
-  part("about").textContent = runs.map((run) =>
+  part("newest").hidden = !flight.live;
+  part("newest").addEventListener("click", () => { play(false); go(last); });
+  if (flight.live) root.addEventListener("flown", (e) => grow(e.detail));
+  part("about").textContent = flight.live || runs.map((run) =>
     `${several ? `${run.name}: p` : "P"}laces by ${run.by}, kept every ${run.every_s} s and off by at `
     + `most ${(run.off_m * 100).toFixed(1)} cm; discs are r_in (${run.r_in_m} m) wide.`).join(" ");
   hue();

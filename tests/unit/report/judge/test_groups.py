@@ -22,6 +22,7 @@ from swarm_ctl.report.judge.verdict import judge
 from swarm_ctl.report.page.junit import junit
 from swarm_ctl.report.page.mission_plot import _draw_steps
 from swarm_ctl.report.page.player import _steps
+from swarm_ctl.report.page.player_parts import inks, labels
 from swarm_ctl.report.page.run_history import HeardMessages, RunHistory
 from swarm_ctl.report.page.summary_table import brief, left_words, render_summary
 from swarm_ctl.runfolder.flight import no_flight
@@ -189,8 +190,8 @@ def test_the_player_tells_the_steps_of_all_groups_at_each_moment() -> None:
     assert told[70.0] == "scouts join 1, sweepers move, rest join 1"
     assert told[90.0] == "form ring"
     assert [*told] == sorted(told)
-    assert history.inks == [0] * 4 + [1] * 6 + [2] * 2
-    assert history.labels[:6] == ["1 scouts", "2", "3", "4", "5 sweepers", "6"]
+    assert inks(history.plan) == [0] * 4 + [1] * 6 + [2] * 2
+    assert labels(history.plan)[:6] == ["1 scouts", "2", "3", "4", "5 sweepers", "6"]
 
 
 def test_a_shape_stands_wherever_the_other_groups_are() -> None:
