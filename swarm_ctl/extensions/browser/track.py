@@ -222,6 +222,7 @@ def _now(view: SwarmView) -> dict[str, Any]:
         "level": level.name.lower(),
         "verdict": printable(first),
         "others": [{"level": level.name.lower(), "text": text} for level, text in others],
+        "over": all(agent.phase is Phase.ENDED for agent in view.agents),
         "time_s": round(view.time_s, 1),
         "speedup": view.speedup,
         "step": _flown(view),

@@ -134,8 +134,9 @@ def _homes(flight: Flight) -> list[list[float] | None]:
     """Where each vehicle stood at first, (north, east) [m]; None where it was in the air."""
     known = np.isfinite(flight.position_ned_m).all(axis=-1)
     found: list[list[float] | None] = []
-    for k, first in enumerate(np.argmax(known, axis=0)):
-        stood = known[first, k] and not flight.airborne[first, k]
+    for k, column in enumerate(known.T):
+        first = int(np.argmax(column))
+        stood = column[first] and not flight.airborne[first, k]
         found.append(np.round(flight.position_ned_m[first, k, :2], 2).tolist() if stood else None)
     return found
 

@@ -20,7 +20,9 @@
   function tell() {
     const age = now ? here() - last - least : here();
     const when = age < 120 ? `${age.toFixed(0)} s` : `${(age / 60).toFixed(0)} min`;
-    if (over)
+    if (over && now?.over)
+      say(now.level, `The station has ended, after the flight: ${now.verdict}.`, true);
+    else if (over)
       say("error", now ? `The station has ended. This is its last picture, ${when} old: what the swarm does now is not known here.`
         : "The station has ended before it had a picture.", true);
     else if (news.readyState === EventSource.CLOSED)

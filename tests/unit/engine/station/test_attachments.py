@@ -96,6 +96,16 @@ def until(what: Callable[[], Any]) -> None:
         time.sleep(0.005)
 
 
+def test_what_it_says_is_told_to_the_operator(noting: Callable[[], Noting]) -> None:
+    station = Setting().station
+    with Attachments(["any"], station) as attached:
+        noting().station.tell("the link: http://127.0.0.1:1/x")
+        attached.turn()
+        assert station.turn() == ["the link: http://127.0.0.1:1/x"]
+        attached.turn()
+        assert station.turn() == []
+
+
 def test_it_gets_views_and_messages_in_a_thread_of_its_own(noting: Callable[[], Noting]) -> None:
     view = PICTURES["waiting"]()
     with Attachments(["any=7"], Setting().station) as attached:

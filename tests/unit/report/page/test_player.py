@@ -7,7 +7,6 @@ import hashlib
 import json
 import math
 import re
-import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +25,7 @@ from swarm_ctl.report.page.run_history import RunHistory, read_history
 from swarm_ctl.runfolder.run_folder import ZoneSpell
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import EntryKind, JournalLine
+from tests.unit.chromium import chromium
 from tests.unit.report.run_folders import FORM, HOLD, draw_nothing, position, write_run
 
 EVIL = "</script><script>document.title='run'</script>"
@@ -83,6 +83,17 @@ def test_the_values_are_those_of_the_flight(history: RunHistory) -> None:
     assert unpacked(run["curves"]["near_m"], "<f4")[k] == pytest.approx(apart.min())
     i, j = unpacked(run["curves"]["pairs"], "<u2").reshape(-1, 2)[k]
     assert apart[i, j] == pytest.approx(apart.min())
+
+
+def test_a_home_is_where_one_stood_before_it_took_off(history: RunHistory) -> None:
+    (run,) = data_of(player([(history, [])]))["runs"]
+    flight = history.flight
+    first = np.argmax(np.isfinite(flight.position_ned_m).all(axis=-1), axis=0)
+    known = [None if flight.airborne[first[k], k] else k for k in range(6)]
+    assert any(k is not None for k in known)
+    for home, k in zip(run["homes"], known, strict=True):
+        stood = None if k is None else flight.position_ned_m[first[k], k, :2]
+        assert home == (None if stood is None else pytest.approx(stood, abs=0.01))
 
 
 def test_zones_are_shown_while_they_hold(history: RunHistory) -> None:
@@ -152,15 +163,8 @@ def test_only_the_players_own_script_may_run(pages: tuple[Path, Path], history: 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    """Headless Chromium, driven by playwright."""
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    chromium = shutil.which("chromium") or shutil.which("google-chrome")
-    if chromium is None:
-        pytest.skip("no chromium or google-chrome on the PATH")
-    with sync_api.sync_playwright() as driver:
-        opened = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+    with chromium() as opened:
         yield opened
-        opened.close()
 
 
 @pytest.fixture(scope="module")
