@@ -132,12 +132,11 @@ def _off(flight: Flight, moments: NDArray[np.intp]) -> float:
 
 def _homes(flight: Flight) -> list[list[float] | None]:
     """Where each vehicle stood at first, (north, east) [m]; None where it was in the air."""
-    known = np.isfinite(flight.position_ned_m).all(axis=-1)
     found: list[list[float] | None] = []
-    for k, column in enumerate(known.T):
-        first = int(np.argmax(column))
-        stood = column[first] and not flight.airborne[first, k]
-        found.append(np.round(flight.position_ned_m[first, k, :2], 2).tolist() if stood else None)
+    for k, places in enumerate(np.moveaxis(flight.position_ned_m, 1, 0)):
+        known = np.flatnonzero(np.isfinite(places).all(axis=-1))
+        stood = len(known) > 0 and not flight.airborne[known[0], k]
+        found.append(np.round(places[known[0], :2], 2).tolist() if stood else None)
     return found
 
 
