@@ -21,7 +21,7 @@ from swarm_ctl.engine import clock as wall
 from swarm_ctl.engine.local_server import HOST, LocalServer, answer, port_of, refuse_taken
 from swarm_ctl.errors import InputError
 from swarm_ctl.extension import Extension, StationHandle
-from swarm_ctl.extensions.browser.track import Track, Version
+from swarm_ctl.extensions.browser.live_flight import LiveFlight, Version
 from swarm_ctl.report.page.player_parts import markup, script, script_hash, style
 from swarm_ctl.station.picture.view import SwarmView
 
@@ -47,7 +47,7 @@ class BrowserMap(Extension):
 
     def __init__(self, argument: str, station: StationHandle) -> None:
         port = _port(argument)
-        self._track = Track(station.plan)
+        self._flight = LiveFlight(station.plan)
         self._news = threading.Condition()
         self._over = False
         self._streams = 0
@@ -63,7 +63,7 @@ class BrowserMap(Extension):
 
     def take(self, view: SwarmView) -> None:
         with self._news:
-            self._track.take(view)
+            self._flight.take(view)
             self._news.notify_all()
 
     def close(self) -> None:
@@ -88,7 +88,7 @@ class BrowserMap(Extension):
 
     def _page(self) -> str:
         with self._news:
-            plan, run = self._track.plan, self._track.beginning()
+            plan, run = self._flight.plan, self._flight.beginning()
         asset = resources.files(__package__ or "") / "assets"
         live = (asset / "live.js").read_text("utf-8")
         policy = (
@@ -116,10 +116,10 @@ class BrowserMap(Extension):
         try:
             while not over:
                 with self._news:
-                    if not self._over and self._track.version == known:
+                    if not self._over and self._flight.version == known:
                         self._news.wait(_QUIET_WALL_S)
-                    told = self._track.since(known) if self._track.version != known else {}
-                    known, over = self._track.version, self._over
+                    told = self._flight.since(known) if self._flight.version != known else {}
+                    known, over = self._flight.version, self._over
                 if told:
                     told["sent_s"] = wall.wall_s()
                     data = json.dumps(told, allow_nan=False, separators=(",", ":"))

@@ -21,9 +21,8 @@ from swarm_ctl.core.model.plan import Fence
 from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.engine.launch.ports import free_ports
 from swarm_ctl.errors import InputError, StartError
-from swarm_ctl.extensions.browser import BrowserMap
-from swarm_ctl.extensions.browser import track as tracks
-from swarm_ctl.extensions.browser.track import Track, Version
+from swarm_ctl.extensions.browser import BrowserMap, live_flight
+from swarm_ctl.extensions.browser.live_flight import LiveFlight, Version
 from swarm_ctl.station.picture.view import SwarmView
 from tests.unit.chromium import chromium
 from tests.unit.station.pictures import PICTURES
@@ -56,11 +55,11 @@ def places(told: dict[str, Any]) -> Any:
 def test_every_picture_can_be_told(name: str) -> None:
     """Without NaN, which is no JSON; a vehicle that was never placed has no place."""
     view = PICTURES[name]()
-    track = Track(view.plan)
-    assert track.since(Version()) == {}
-    json.dumps(track.beginning(), allow_nan=False)
-    track.take(view)
-    told = track.since(Version())
+    flight = LiveFlight(view.plan)
+    assert flight.since(Version()) == {}
+    json.dumps(flight.beginning(), allow_nan=False)
+    flight.take(view)
+    told = flight.since(Version())
     json.dumps(told, allow_nan=False)
     by_id = {agent.id: agent for agent in view.agents}
     for agent, place in zip(view.plan.agents, places(told)[0], strict=True):
@@ -74,16 +73,16 @@ def test_every_picture_can_be_told(name: str) -> None:
 def test_what_follows_joins_what_was_told() -> None:
     """A page that came early and one that comes late have the same flight; steps and marks are
     told again where they changed alone."""
-    track = Track(WELL.plan)
-    track.take(WELL)
-    early, version = [track.since(Version())], track.version
+    flight = LiveFlight(WELL.plan)
+    flight.take(WELL)
+    early, version = [flight.since(Version())], flight.version
     for k in range(1, 9):
-        track.take(moved(WELL, 0.25 * k))
+        flight.take(moved(WELL, 0.25 * k))
         if k % 3 == 0:
-            early.append(track.since(version))
-            version = track.version
-    early.append(track.since(version))
-    late = track.since(Version())
+            early.append(flight.since(version))
+            version = flight.version
+    early.append(flight.since(version))
+    late = flight.since(Version())
     assert [told["whole"] for told in early] == [True, False, False, False]
     assert "steps" not in early[1]
     assert np.concatenate([places(told) for told in early]) == pytest.approx(
@@ -93,9 +92,9 @@ def test_what_follows_joins_what_was_told() -> None:
 
 
 def test_a_silent_agent_stands_where_it_was_heard_without_its_agent() -> None:
-    track = Track(WELL.plan)
-    track.take(PICTURES["lost"]())
-    told = track.since(Version())
+    flight = LiveFlight(WELL.plan)
+    flight.take(PICTURES["lost"]())
+    told = flight.since(Version())
     states = base64.b64decode(told["states"])
     assert [states[k] for k in (1, 2)] == [3, 1]
     assert told["now"]["level"] == "error"
@@ -103,22 +102,22 @@ def test_a_silent_agent_stands_where_it_was_heard_without_its_agent() -> None:
 
 
 def test_a_clock_that_is_set_back_begins_anew() -> None:
-    track = Track(WELL.plan)
-    track.take(moved(WELL, 5.0))
-    version = track.version
-    track.take(WELL)
-    told = track.since(version)
+    flight = LiveFlight(WELL.plan)
+    flight.take(moved(WELL, 5.0))
+    version = flight.version
+    flight.take(WELL)
+    told = flight.since(version)
     assert told["whole"]
     assert len(places(told)) == 1
 
 
 def test_a_long_flight_is_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its beginning and its end stay."""
-    monkeypatch.setattr(tracks, "_MOST", 60)
-    track = Track(WELL.plan)
+    monkeypatch.setattr(live_flight, "_MOST", 60)
+    flight = LiveFlight(WELL.plan)
     for k in range(100):
-        track.take(moved(WELL, 0.25 * k))
-    found = places(track.since(Version()))
+        flight.take(moved(WELL, 0.25 * k))
+    found = places(flight.since(Version()))
     assert 5 <= len(found) <= 11
     expected = [agent.state.position_ned_m[0] for agent in WELL.agents if agent.state]
     assert found[0, :, 0] == pytest.approx(expected, abs=0.01)
@@ -139,7 +138,7 @@ def live() -> Iterator[BrowserMap]:
 
 
 def show(live: BrowserMap, by_s: float) -> None:
-    live.take(moved(replace(WELL, plan=live._track.plan), by_s))
+    live.take(moved(replace(WELL, plan=live._flight.plan), by_s))
 
 
 def served(plan: Any, said: list[str]) -> BrowserMap:

@@ -66,11 +66,11 @@ class Version(NamedTuple):
     """Steps and entries of the log."""
 
 
-class Track:
+class LiveFlight:
     """A fold over views. What it tells is JSON without NaN. One thread at a time may use it."""
 
     def __init__(self, plan: Plan) -> None:
-        self.plan = plan
+        self.plan: Final = plan
         self._columns = {agent.id: k for k, agent in enumerate(plan.agents)}
         self._moments: list[_Moment] = []
         self._homes: list[list[float] | None] = [None] * len(self._columns)
@@ -126,7 +126,16 @@ class Track:
             if target.fresh
         )
         error_m = math.nan if view.error_m is None else view.error_m
-        return _Moment(view.time_s, ned_m, away_m, states, near_m, pair, error_m, targets)
+        return _Moment(
+            time_s=view.time_s,
+            ned_m=ned_m,
+            away_m=away_m,
+            states=states,
+            near_m=near_m,
+            pair=pair,
+            error_m=error_m,
+            targets=targets,
+        )
 
     def beginning(self) -> dict[str, Any]:
         """The flight before its first moment, for the page itself."""
