@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple, TypeAlias, TypeVar, get_args
 
 import numpy as np
 
-from swarm_ctl.core.model.plan import Policy
+from swarm_ctl.core.model.plan import Plan, Policy
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.fuzz.coverage import NOTHING, WHATS, Coverage, CoverageCell
 from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
@@ -93,6 +93,8 @@ _ANSWERED: Final = 0.3
 """Of what happens: the operator gives an order soon after, or takes back one that holds."""
 _CROSSED: Final = 0.6
 """Of the missions whose agents change sides: something befalls them meanwhile."""
+_PREPARED_S: Final = 3.6
+"""All have prepared, and take off."""
 _TWO_LOSSES: Final = 0.12
 """Of the flights that are not fair: two policies are to act at a time."""
 _TRIES: Final = 200
@@ -171,7 +173,7 @@ def _scenario(dice: Dice, wanted: Coverage, name: str, of: Data | None) -> Data:
     swarm = _Swarm(ids, [*mission.get("shapes", {})], [*mission.get("groups", {})], waiting)
     scenario["happens"] = losses or happens + _happenings(dice, wanted, swarm, steps)
     if of is None and _changes_sides(mission) and dice.chance(_CROSSED):
-        scenario["happens"] += _crossed(dice, ids)
+        scenario["happens"] += _crossed(dice, mission)
     if waiting and dice.chance(0.8):
         launch = {"at_s": dice.number(10, 40, 1), "order": f"launch @{waiting[0]}"}
         scenario["happens"].append(launch)
@@ -234,11 +236,14 @@ def _losses(dice: Dice, one: int, ids: list[int]) -> list[tuple[str, Data]]:
     ]
 
 
-def _crossed(dice: Dice, ids: list[int]) -> list[Data]:
+def _crossed(dice: Dice, mission: Data) -> list[Data]:
     """What befalls agents that change sides, about when they pass each other. Two orders to land
-    let some come down where others are in the air, or stand."""
+    let some come down where others are in the air, or stand. Where one falls silent, the others
+    mostly go on, past the place where it may be."""
+    ids = sorted(agent["id"] for agent in mission["agents"])
     some = " @" + ",".join(map(str, _some(dice, ids)))
-    at_s = dice.number(22, 38, 1)
+    up, apart = (step.expected_s or 0.0 for step in forecast(_plan_of(mission))[:2])
+    at_s = round(_PREPARED_S + up + apart + dice.number(1.0, 7.0, 1), 1)
     what: tuple[Data, ...] = (
         {"kill": [dice.pick(ids)]},
         {"stop": [dice.pick(ids)], "for_s": dice.number(1, 8, 1)},
@@ -247,15 +252,21 @@ def _crossed(dice: Dice, ids: list[int]) -> list[Data]:
         {"order": f"return{some}"},
     )
     found: list[Data] = [{"at_s": at_s} | dice.pick(what)]
-    if dice.chance(0.4):
+    if "order" not in found[0] and dice.chance(0.6):
+        mission["policies"]["agent_lost"] = "continue"
+    elif dice.chance(0.4):
         found.append({"at_s": round(at_s + dice.number(0.5, 12, 1), 1), "order": "land"})
     return found
+
+
+def _plan_of(mission: Data) -> Plan:
+    return loads(yaml_file.write(mission)).plan
 
 
 def _rezoned(dice: Dice, mission: Data) -> list[Data]:
     """Orders in flight: a zone where a vehicle may be, or near it, or between two places of the
     plan; perhaps another one, and perhaps the first one lifted."""
-    plan = loads(yaml_file.write(mission)).plan
+    plan = _plan_of(mission)
     places = [
         place
         for group in plan.groups
@@ -854,7 +865,7 @@ def _fence(mission: Data, dice: Dice, *, fair: bool, always: bool = False) -> No
     """Draw a fence around all places that the plan goes to; in fair weather with room to spare."""
     if not always and dice.chance(0.6):
         return
-    plan = loads(yaml_file.write(mission)).plan
+    plan = _plan_of(mission)
     places_m = [place for at in plan.all_steps() for place in at.after.places_m()]
     places_m += [(n * plan.unit_m, e * plan.unit_m) for n, e in (a.start for a in plan.agents)]
     top_m = max(max(at.after.heights_m, default=0.0) for at in plan.all_steps())
@@ -880,7 +891,7 @@ def _zones(mission: Data, dice: Dice) -> None:
     places and ways of a `move` meet."""
     if dice.chance(0.7) or "zones" in mission:
         return
-    plan = loads(yaml_file.write(mission)).plan
+    plan = _plan_of(mission)
     stands = (at for group in plan.groups for at in group.formations(plan.unit_m))
     places_m = [place for at in stands for place in at.places_m()]
     norths, easts = zip(*places_m, strict=True)

@@ -29,6 +29,7 @@ from swarm_ctl.core.safety.fence import inside
 from swarm_ctl.core.safety.surroundings import Outline
 from swarm_ctl.fuzz.losses import ACTS_S, policies_act
 from swarm_ctl.fuzz.seen import FLIES, FREE_M, Seen
+from swarm_ctl.fuzz.setpoints import rooms_are_shared
 from swarm_ctl.mission.compile.forecast import forecast
 from swarm_ctl.report.judge.summary import StepVerdict
 from swarm_ctl.runfolder.truth import EventKind
@@ -80,6 +81,7 @@ class Invariant(StrEnum):
     ENDS = "it ends within its bound"
     DOWN = "all are down and disarmed in the end"
     APART = "no pair is under r_in"
+    ROOM = "no agent takes more than its share of the room to another one"
     FENCED = "nobody is out of the fence without its policy acting"
     ZONED = "no vehicle is in a zone"
     SLOW = "no vehicle is faster than it may be"
@@ -163,25 +165,47 @@ def _apart(seen: Seen) -> Iterator[str]:
         if seen.plan.wake is not None:  # what falls, falls past those below
             kills = (*seen.orders(a, CommandKind.KILL), *seen.orders(b, CommandKind.KILL))
             until_s = min([until_s, *(order.at_s for order in kills)])
-        counts = seen.truth.time_s < until_s
+        spared_m = np.zeros(len(seen.truth.time_s))
+        if seen.misjudged_m:
+            spared_m += np.maximum(0.0, seen.off_m(a) + seen.off_m(b) - seen.spared_m)
         for dead, other in ((a, b), (b, a)):
-            # beside the landing of a dead agent's vehicle another one's landing drifts
-            alone = seen.truth.time_s > seen.first(dead, "kill", "stop")
-            counts &= ~alone | _flown_by_agents(seen, other, FLIES)
-        found = _closest(seen, a, b, counts, autopilots=not close)
-        if found is not None and found[0] < least_m - seen.misjudged_m:
+            # beside a landing that looks for nobody another one's landing drifts
+            alone = _lands_unheard(seen, dead) & ~_flown_by_agents(seen, other, FLIES)
+            spared_m = np.maximum(spared_m, np.where(alone, min(WANDERS_M, 0.5 * least_m), 0.0))
+        counts = seen.truth.time_s < until_s
+        found = _closest(seen, a, b, counts, autopilots=not close, spared_m=spared_m)
+        if found is not None and found[0] < least_m:
             near_m, time_s = found
             under = f"{_CLEAR} times r_in" if seen.fair else "r_in"
             yield (
-                f"agents {a} and {b} were {near_m:.2f} m apart at {time_s:.1f} s, under {under},"
-                f" {least_m:.2f} m"
+                f"agents {a} and {b} were {near_m:.2f} m apart at {time_s:.1f} s, all that is off"
+                f" counted, under {under}, {least_m:.2f} m"
             )
 
 
+def _lands_unheard(seen: Seen, agent: int) -> npt.NDArray[np.bool_]:
+    """(T,): while its vehicle is without an agent."""
+    time_s, found = seen.truth.time_s, np.zeros(len(seen.truth.time_s), dtype=np.bool_)
+    for each in seen.of("kill", "stop"):
+        if agent in (each.kill or each.stop or ()):
+            again = (b.at_s for b in seen.of("restart") if agent in (b.restart or ()))
+            ends = [at_s for at_s in again if at_s > each.at_s]
+            ends += [each.until_s] if each.for_s else []
+            found |= (time_s > each.at_s) & (time_s < min(ends, default=math.inf) + _BRAKES_S)
+    return found
+
+
 def _closest(
-    seen: Seen, a: int, b: int, when: npt.NDArray[np.bool_] | None, *, autopilots: bool
+    seen: Seen,
+    a: int,
+    b: int,
+    when: npt.NDArray[np.bool_] | None,
+    *,
+    autopilots: bool,
+    spared_m: npt.NDArray[np.float64] | float = 0.0,
 ) -> tuple[float, float] | None:
-    """Of a pair while `when` holds (None: always): how close [m] and when. Both in the air; and
+    """Of a pair while `when` holds (None: always): how close [m] and when; what is spared at a time
+    is added. Both in the air; and
     with `autopilots` also where one stands, up to `OVER_M` below. Without, only where agents fly
     both."""
     truth, one, other = seen.truth, seen.track(a), seen.track(b)
@@ -194,7 +218,7 @@ def _closest(
         counts = counts & up & _flown_by_agents(seen, a) & _flown_by_agents(seen, b)
     if not counts.any():
         return None
-    gap = np.linalg.norm(one[:, :2] - other[:, :2], axis=1)
+    gap = np.linalg.norm(one[:, :2] - other[:, :2], axis=1) + spared_m
     counts = counts & (np.abs(one[:, 2] - other[:, 2]) < seen.plan.layer_m)
     gap[~counts] = np.inf
     at = int(gap.argmin())
@@ -831,6 +855,7 @@ CHECKS: Final[dict[Invariant, Callable[[Seen], Iterator[str]]]] = {
     Invariant.ENDS: _ends,
     Invariant.DOWN: _down,
     Invariant.APART: _apart,
+    Invariant.ROOM: rooms_are_shared,
     Invariant.FENCED: _fenced,
     Invariant.ZONED: _zoned,
     Invariant.SLOW: _slow,

@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from swarm_ctl.core.kernel.constraints import margins_of
-from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Phase
+from swarm_ctl.core.model.messages import AgentState, AgentStatus, CommandKind, Phase
 from swarm_ctl.core.model.route import Route, Routes
+from swarm_ctl.mesh.payloads import decode
 from swarm_ctl.mission.checks import envelope
 from swarm_ctl.runfolder.run_folder import ZoneSpell, zone_spells
 from swarm_ctl.runfolder.truth import EventKind
@@ -32,6 +33,8 @@ _LOST: Final = 0.2
 _NOISE_M: Final = 0.5
 """An estimate that is off by this much is weather, not a fault."""
 _WIND_MPS: Final = 6.0
+_MISLED_S: Final = 2.0
+"""A vehicle goes by its places of the last seconds."""
 
 
 class Seen:
@@ -86,6 +89,21 @@ class Seen:
             for agent, (ahead_s, drift) in own_clocks(self.flown.scenario).items()
             if agent not in self.elsewhen
         }
+
+    @cached_property
+    def states(self) -> dict[int, list[AgentState]]:
+        """By agent, in the order of time, which is that of the truth."""
+        found: dict[int, list[AgentState]] = {agent: [] for agent in self.ids}
+        for data in self.flown.states:
+            state = decode(AgentState, data)
+            found[state.agent].append(state)
+        for agent, (ahead_s, drift) in own_clocks(self.flown.scenario).items():
+            if agent not in self.elsewhen:
+                found[agent] = [
+                    replace(state, time_s=(state.time_s - ahead_s) / (1.0 + drift))
+                    for state in found[agent]
+                ]
+        return found
 
     def zones(self, agent: int) -> tuple[ZoneSpell, ...]:
         """Those of the plan, and those of the flight, while this agent said that they hold."""
@@ -185,20 +203,40 @@ class Seen:
 
     @cached_property
     def misjudged_m(self) -> float:
-        """By how much [m] drawn GPS noise and drift may bring a pair under r_in: four deviations of
-        two positions, less what keep-out spares where vehicles answer as is believed."""
+        """By how much [m] drawn GPS noise and drift may mislead at most: four deviations of two
+        positions, less what is spared."""
         sets = [self.parameters, *(values for _, _, _, values, _ in self.faults)]
         worst = (
             max(values.get(name, 0.0) for values in sets)
             for name in ("SIM_GPS_NOISE", "SIM_GPS_DRIFT")
         )
-        noise_m = math.hypot(*worst)
+        return max(0.0, 4.0 * math.sqrt(2.0) * math.hypot(*worst) - self.spared_m)
+
+    @cached_property
+    def spared_m(self) -> float:
+        """What the keep-out spares [m], where vehicles answer as is believed."""
         plan = self.plan
         margins = margins_of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m)
         fleet = self.flown.mission.fleet.agents
         as_believed = all(entry.simulated_response is None for entry in fleet)
-        spared_m = margins.keep_out - self.r_in_m if as_believed else 0.0
-        return max(0.0, 4.0 * math.sqrt(2.0) * noise_m - spared_m)
+        return margins.keep_out - self.r_in_m if as_believed else 0.0
+
+    def off_m(self, agent: int) -> npt.NDArray[np.float64]:
+        """(T,): how far the places that an agent told lay off the truth, the most of the last
+        `_MISLED_S`."""
+        time_s, states = self.truth.time_s, self.states[agent]
+        if not states or agent in self.elsewhen:
+            return np.full(len(time_s), np.inf if agent in self.elsewhen else 0.0)
+        told_s = np.array([state.time_s for state in states])
+        told = np.array([state.position_ned_m[:2] for state in states])
+        track = self.track(agent)
+        true = np.stack([np.interp(told_s, time_s, track[:, k]) for k in range(2)], axis=1)
+        off = np.linalg.norm(told - true, axis=1)
+        first = np.searchsorted(told_s, time_s - _MISLED_S)
+        last = np.searchsorted(told_s, time_s, side="right")
+        return np.array(
+            [off[i:k].max(initial=0.0) for i, k in zip(first.tolist(), last.tolist(), strict=True)]
+        )
 
     @cached_property
     def apart_at_start(self) -> float:

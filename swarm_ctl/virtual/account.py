@@ -40,6 +40,7 @@ _HEARD: Final[tuple[keys.Channel[Any], ...]] = (
     keys.ACK,
     keys.BEACON,
 )
+_STATE: Final = f"/{keys.STATE.name}"
 _KILLED: Final = -9
 """The exit code of a process that was killed, as its parent has it."""
 
@@ -77,6 +78,8 @@ class Account:
         self.statuses: list[AgentStatus] = []
         self.finals: dict[int, AgentStatus] = {}
         self.events: list[Event] = []
+        self.states: list[bytes] = []
+        """Each state of an agent, encoded as on the mesh."""
         self._trace = _Trace()
         self._node: Node | None = None
         self._recorder: RunRecorder | None = None
@@ -115,6 +118,8 @@ class Account:
     def _pass(self, key: str, data: bytes) -> None:
         self._trace.update(key.encode())
         self._trace.update(data)
+        if key.endswith(_STATE):
+            self.states.append(data)
 
     def told(self, index: int, data: bytes) -> None:
         """What the agent at this place of the plan sends its vehicle."""

@@ -80,6 +80,8 @@ class FlownScenario:
     truth: Truth
     statuses: tuple[AgentStatus, ...]
     """As the station heard them, and each agent's own last one."""
+    states: tuple[bytes, ...]
+    """Each state of an agent, encoded as on the mesh."""
     events: tuple[Event, ...]
     orders: tuple[GivenOrder, ...]
     met: tuple[Met, ...]
@@ -342,6 +344,7 @@ class ScenarioFlight:
             summary=summary,
             truth=truth,
             statuses=(*self.account.statuses, *self.account.finals.values()),
+            states=tuple(self.account.states),
             events=tuple(self.account.events),
             orders=tuple(self.orders),
             met=tuple(self.met),

@@ -1,0 +1,155 @@
+"""What agents tell their vehicles, held against what docs/understand/safety-evidence.md says of the
+keep-out: an agent takes half of the room to one that gives way, and all of it, but no more, to
+where a silent one may have flown.
+
+It finds a filter that does otherwise long before a pair is near.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from swarm_ctl.core.kernel.constraints import RATE, margins_of
+from swarm_ctl.core.model.messages import CommandKind
+from swarm_ctl.core.model.timeouts import FRESH_S, SILENT_FLIES_S
+from swarm_ctl.fuzz.seen import FLIES, Seen
+from swarm_ctl.virtual.scenario_flight import GivenOrder
+
+_OVER_MPS: Final = 0.3
+"""Over what is allowed, in two states one after the other: 0.15 m/s was the most in 40 flights."""
+_LOST_S: Final = 0.3
+"""Where states are lost, the newest one that was heard is so much older."""
+_GROWS_S: Final = 3.0
+"""A keep-out grows with the age of the news for so long."""
+_LOOKS_S: Final = 8.0
+"""Of one that fell silent: later its vehicle stands, or lands."""
+
+
+class _Told(NamedTuple):
+    """One agent's states, in the order of time; horizontal vectors are north + 1j * east."""
+
+    time_s: npt.NDArray[np.float64]
+    stop_point_m: npt.NDArray[np.complex128]
+    setpoint_mps: npt.NDArray[np.complex128]
+    flies: npt.NDArray[np.bool_]
+    """By its own setpoints, and not with a formation that moves."""
+    gives_way: npt.NDArray[np.bool_]
+    """... or with one."""
+
+
+def rooms_are_shared(seen: Seen) -> Iterator[str]:
+    """All of this module. Heights leave some pairs out of the plane, a cut makes agents silent to
+    some alone."""
+    if not (seen.plan.safety.filter and seen.good_mesh) or seen.plan.wake is not None:
+        return
+    if seen.of("part", "clock"):
+        return
+    told = {agent: _told(seen, agent) for agent in seen.ids}
+    for own, other in itertools.permutations(seen.ids, 2):
+        yield from _takes_more_than_half(seen, own, told[own], other, told[other])
+        yield from _flies_where_a_silent_one_may_be(seen, own, told[own], other, told[other])
+
+
+def _told(seen: Seen, agent: int) -> _Told:
+    states = seen.states[agent]
+    expelled_s = min((o.at_s for o in seen.flown.orders if _expels(o, agent)), default=math.inf)
+    until_s = min(seen.taken[agent], seen.lies[agent], expelled_s)
+    steps = seen.route(agent).steps
+    still = {k for k, step in enumerate(steps, 1) if not (step.frame_mps or step.spins)}
+    gives_way = [
+        s.phase in FLIES and s.airborne and s.setpoint_mps != (0.0, 0.0) and s.time_s < until_s
+        for s in states
+    ]
+    stays = [s.step in still and not s.override for s in states]
+    return _Told(
+        np.array([s.time_s for s in states]),
+        np.array([complex(*s.stop_point_m) for s in states]),
+        np.array([complex(*s.setpoint_mps) for s in states]),
+        np.array(gives_way, dtype=np.bool_) & np.array(stays, dtype=np.bool_),
+        np.array(gives_way, dtype=np.bool_),
+    )
+
+
+def _expels(order: GivenOrder, agent: int) -> bool:
+    """From then on the others listen to this agent no more."""
+    command = order.sent.command if order.sent is not None else None
+    return command is not None and command.kind == CommandKind.EXPEL and agent in command.about
+
+
+def _takes_more_than_half(
+    seen: Seen, own: int, mine: _Told, other: int, theirs: _Told
+) -> Iterator[str]:
+    """By the place of the other one that it may have known and that leaves it the most."""
+    if len(theirs.time_s) < 2:
+        return
+    plan, mesh = seen.plan, seen.flown.scenario.mesh
+    margins = margins_of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m)
+    late_s = mesh.delay_s + mesh.jitter_s + (_LOST_S if mesh.loss else 0.0)
+    over_mps = np.full(len(mine.time_s), np.inf)
+    for late in range(1, 2 + math.ceil(late_s / plan.tick_s)):
+        at = np.searchsorted(theirs.time_s, mine.time_s - (late - 0.5) * plan.tick_s) - 1
+        at = np.maximum(at, 0)
+        apart = mine.stop_point_m - theirs.stop_point_m[at]
+        age_s = mine.time_s - theirs.time_s[at]
+        known = theirs.gives_way[at] & (age_s > 0.0) & (age_s < FRESH_S)
+        allowed = 0.5 * RATE * (np.abs(apart) - margins.keep_out)
+        closing = -(apart * mine.setpoint_mps.conj()).real / np.maximum(np.abs(apart), 1e-9)
+        most = np.maximum(allowed, -0.5 * margins.speed)
+        over_mps = np.minimum(over_mps, np.where(known, closing - most, -np.inf))
+    at_s = _first(mine, over_mps, ~_gave_way(seen, own, mine))
+    if at_s is not None:
+        yield f"agent {own} took more than half of the room to agent {other} at {at_s:.1f} s"
+
+
+def _flies_where_a_silent_one_may_be(
+    seen: Seen, own: int, mine: _Told, other: int, theirs: _Told
+) -> Iterator[str]:
+    """For a second it may have flown on as it was told."""
+    plan = seen.plan
+    margins = margins_of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m)
+    for each in seen.of("kill", "stop"):
+        at = int(np.searchsorted(theirs.time_s, each.at_s + 1e-6)) - 1
+        if other not in (each.kill or each.stop or ()) or at < 0 or not theirs.gives_way[at]:
+            continue
+        last_s, setpoint = float(theirs.time_s[at]), complex(theirs.setpoint_mps[at])
+        again_s = float(theirs.time_s[at + 1]) if at + 1 < len(theirs.time_s) else math.inf
+        age_s = mine.time_s - last_s
+        mesh = seen.flown.scenario.mesh
+        looks = (age_s > FRESH_S + mesh.delay_s + mesh.jitter_s + 0.2) & (age_s < _LOOKS_S)
+        looks &= mine.time_s < again_s
+        apart = mine.stop_point_m - complex(theirs.stop_point_m[at])
+        along_s = (apart * setpoint.conjugate()).real / abs(setpoint) ** 2
+        apart = apart - setpoint * np.clip(along_s, 0.0, SILENT_FLIES_S)
+        room = np.abs(apart) - margins.keep_out - margins.growth * np.minimum(age_s, _GROWS_S)
+        closing = -(apart * mine.setpoint_mps.conj()).real / np.maximum(np.abs(apart), 1e-9)
+        over_mps = closing - np.maximum(RATE * room, -0.5 * margins.speed)
+        at_s = _first(mine, over_mps, looks & ~_gave_way(seen, own, mine))
+        if at_s is not None:
+            yield (
+                f"agent {own} flew at {at_s:.1f} s where agent {other} may have been, which was"
+                f" silent since {each.at_s:g} s"
+            )
+
+
+def _first(
+    mine: _Told, over_mps: npt.NDArray[np.float64], counts: npt.NDArray[np.bool_]
+) -> float | None:
+    """When two states one after the other were over what is allowed."""
+    over = mine.flies & counts & (over_mps > _OVER_MPS)
+    twice = np.flatnonzero(over[1:] & over[:-1])
+    return float(mine.time_s[twice[0]]) if len(twice) else None
+
+
+def _gave_way(seen: Seen, agent: int, mine: _Told) -> npt.NDArray[np.bool_]:
+    """While its keep-outs excluded each other, and all gave way a little."""
+    found = np.zeros(len(mine.time_s), dtype=np.bool_)
+    for before, after in itertools.pairwise(seen.statuses[agent]):
+        if after.safety.yielded != before.safety.yielded:
+            found |= (mine.time_s >= before.time_s - 0.1) & (mine.time_s <= after.time_s + 0.1)
+    return found
