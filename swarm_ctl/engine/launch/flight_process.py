@@ -10,7 +10,7 @@ import os
 import signal
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -118,7 +118,8 @@ def main(folder: Path) -> int:
         mission = loads(flight.mission, flight.named, vehicles=flight.vehicles)
         for warning in mission.warnings:
             _say(f"warning: {warning}")
-        result = fly(mission, flight.options, _say, lambda *_: None)
+        options = replace(flight.options, lifeline=0)  # its stdin
+        result = fly(mission, options, _say, lambda *_: None)
     except SwarmError as error:
         _say(f"error: {error}")
         return error.exit_code
