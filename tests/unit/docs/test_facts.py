@@ -19,7 +19,7 @@ from swarm_ctl.mavlink.autopilots.timing import TAKEOFF_MPS
 from swarm_ctl.mission.checks.envelope import ENVELOPE
 from swarm_ctl.mission.compile.loader import loads
 from swarm_ctl.station.picture.alarms import RULES
-from tests.unit.docs import mission_reference, study_reference
+from tests.unit.docs import api_reference, command_reference, mission_reference, study_reference
 from tests.unit.docs.pages import PAGES, ROOT, blocks
 
 MISSION = blocks(PAGES["missions"])[0].text
@@ -116,11 +116,9 @@ def test_each_mission_is_in_the_list() -> None:
     assert sorted(listed) == sorted(path.name for path in (ROOT / "missions").glob("*.yaml"))
 
 
-def test_each_command_is_in_the_list() -> None:
-    names = set(OPTIONS)
-    assert [name for name in names if f"`swarm-ctl {name}" not in TEXT["commands"]] == []
-    listed = set(re.findall(r"^\| `swarm-ctl ([\w-]+)", TEXT["commands"], re.MULTILINE))
-    assert listed == names
+def test_the_pages_of_commands_and_calls_are_the_code_s() -> None:
+    assert TEXT["commands"] == command_reference.page(), f"write it: {command_reference.COMMAND}"
+    assert TEXT["python-calls"] == api_reference.page(), f"write it: {api_reference.COMMAND}"
 
 
 def test_each_install_by_role_is_in_the_list() -> None:
