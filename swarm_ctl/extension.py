@@ -46,6 +46,10 @@ class StationHandle(Protocol):
     def speedup(self) -> float:
         """Mission seconds per second of the wall clock."""
 
+    @property
+    def stepped(self) -> bool:
+        """The swarm flies in lockstep: mission time has no pace."""
+
     def now(self) -> float:
         """Mission time [s]."""
 

@@ -14,6 +14,9 @@ class Clock:
     compare directly.
     """
 
+    stepped = False
+    """It goes by a pace."""
+
     def __init__(self, epoch_s: float, speedup: float = 1.0) -> None:
         self.epoch_s = epoch_s
         self.speedup: Final = speedup

@@ -369,6 +369,7 @@ class _SwarmClock:
 
     swarm: VirtualSwarm
     speedup: float = 1.0
+    stepped: bool = True
 
     def now(self) -> float:
         """Mission time [s]."""

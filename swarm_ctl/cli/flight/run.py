@@ -122,6 +122,7 @@ def run(
         swarm-ctl run missions/hexagon.yaml --json | jq .error_m
         swarm-ctl run missions/hexagon.yaml --vehicles arducopter,px4
         swarm-ctl run missions/hexagon.yaml --foxglove 8765
+        swarm-ctl run missions/hexagon.yaml --ros2
         swarm-ctl run scenario.yaml --headless
     """
     from swarm_ctl.engine.launch.run_setup import Lockstep, RunOptions

@@ -85,6 +85,7 @@ def station(
     \b
         swarm-ctl station runs/20260101-120000-hexagon
         swarm-ctl station hexagon --foxglove 8765
+        swarm-ctl station hexagon --ros2
         swarm-ctl station --mission missions/hexagon.yaml --fleet outdoors.yaml
         swarm-ctl station --mission plan.json --mesh tcp/10.0.0.11:7447
         swarm-ctl station --mission square.yaml --fleet outdoors.yaml --runs runs

@@ -20,7 +20,7 @@ from swarm_ctl.errors import StartError
 from swarm_ctl.installed import packages
 
 LEAST_PYTHON: Final = (3, 11)
-_EXTRAS: Final = ("ground", "study", "foxglove", "notebook", "serial", "trust")
+_EXTRAS: Final = ("ground", "study", "foxglove", "ros2", "notebook", "serial", "trust")
 
 
 @dataclass(frozen=True, slots=True)

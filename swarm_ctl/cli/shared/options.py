@@ -91,6 +91,10 @@ _FOXGLOVE = (
     "Serve Foxglove on this port of 127.0.0.1 (8765 is its own default): map, 3-D scene, plots,"
     " log. Needs the extra `foxglove`."
 )
+_ROS2 = (
+    "Be a node of ROS 2 in this domain, over rmw_zenoh: topics, and orders as services. Needs the"
+    " extra `ros2`.  [default: ROS_DOMAIN_ID, or 0]"
+)
 _WEB = (
     "Serve a live map for web browsers on this port of 127.0.0.1; the station tells the link. Who"
     " has it may look, and nothing else.  [8700 where no port follows]"
@@ -118,6 +122,7 @@ SHORT_WORDS = (
     ShortWord("metrics", "prometheus", "PORT", "Prometheus metrics on this port of 127.0.0.1."),
     ShortWord("web", "browser", "PORT", _WEB, alone="8700"),
     ShortWord("foxglove", "foxglove", "PORT", _FOXGLOVE),
+    ShortWord("ros2", "ros2", "DOMAIN", _ROS2, alone=""),
 )
 _ALONE = {"--gcs": str(GCS_PORT)} | {
     f"--{each.option}": each.alone for each in SHORT_WORDS if each.alone is not None

@@ -36,6 +36,8 @@ class SteppedClock(Clock):
     """Mission time [s] that stands still between ticks. Without a keeper it goes on by the wall
     clock, `speedup` times as fast."""
 
+    stepped = True
+
     def __init__(self, speedup: float) -> None:
         super().__init__(0.0, speedup)
         self._now: float | None = 0.0

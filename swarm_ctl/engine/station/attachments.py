@@ -35,6 +35,7 @@ class _Handle:
     def __init__(self, station: Station) -> None:
         self.plan, self.name = station.plan, station.name
         self.speedup, self.now = station.clock.speedup, station.clock.now
+        self.stepped = station.clock.stepped
         self.given = deque[tuple[Order, Callable[[Answer], None]]]()
         self.said = deque[str](maxlen=_ORDERS)
         self.post: Callable[[Callable[[], None]], None] = lambda _: None

@@ -57,6 +57,8 @@ class AnyClock(Protocol):
     """Mission time, wherever it comes from."""
 
     speedup: float
+    stepped: bool
+    """In lockstep: it has no pace."""
 
     def now(self) -> float:
         """Mission time [s]."""

@@ -21,7 +21,7 @@ class MeshClock:
 
     def __init__(self, speedup: float = 1.0, *, lockstep: bool = False) -> None:
         self._own = SteppedClock(speedup) if lockstep else Clock.starting_now(speedup)
-        self._lockstep = lockstep
+        self.stepped = lockstep
         self.speedup = speedup
         self._ahead_s = 0.0
         self.heard = False
@@ -48,6 +48,6 @@ class MeshClock:
         ahead = time_s - self.now()
         if not self.heard or ahead > 0:
             self._ahead_s += ahead
-        elif ahead > -_LATE_AT_MOST_S and not self._lockstep:
+        elif ahead > -_LATE_AT_MOST_S and not self.stepped:
             self._ahead_s += _LEAK * ahead
         self.heard = True

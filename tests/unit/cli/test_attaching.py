@@ -51,5 +51,6 @@ def test_an_option_may_stand_without_its_number(monkeypatch: pytest.MonkeyPatch)
 def test_a_name_that_is_not_installed_is_answered_by_those_that_are(command: list[str]) -> None:
     error = CliRunner().invoke(app, [*command, "--attach", "lmap=3"]).exception
     assert str(error) == (
-        "--attach lmap=3: no such extension is installed; allowed: browser, foxglove, prometheus"
+        "--attach lmap=3: no such extension is installed; allowed: browser, foxglove, prometheus,"
+        " ros2"
     )

@@ -48,7 +48,7 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 def a_station(hub: MemoryHub) -> Station:
     node = Node(MemoryTransport(hub), "swarm", "station")
-    return Station(PLAN, node, SimpleNamespace(speedup=1.0, now=lambda: 1.0))
+    return Station(PLAN, node, SimpleNamespace(stepped=False, speedup=1.0, now=lambda: 1.0))
 
 
 def test_alarms_come_as_lines(installed: str) -> None:

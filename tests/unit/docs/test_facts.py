@@ -145,5 +145,5 @@ def test_each_option_in_a_command_exists() -> None:
     for text in texts:
         for name, rest in re.findall(r"swarm-ctl (\w+)([^`\n]*(?:\\\n[^`\n]*)*)", text):
             if name in OPTIONS:
-                used = set(re.findall(r"(?<!\w)--[a-z][a-z-]*", rest))
+                used = set(re.findall(r"(?<!\w)--[a-z][a-z0-9-]*", rest))
                 assert used - OPTIONS[name] <= {"--help"}, (name, rest)

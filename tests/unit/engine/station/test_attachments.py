@@ -76,7 +76,7 @@ class Setting:
         self.agent = Node(MemoryTransport(self.hub), "swarm", 1)
         self.agent.listen(keys.COMMAND)
         node = Node(MemoryTransport(self.hub), "swarm", "station")
-        clock = SimpleNamespace(speedup=1.0, now=lambda: self.now)
+        clock = SimpleNamespace(stepped=False, speedup=1.0, now=lambda: self.now)
         more = {} if protection is None else {"protection": protection}
         self.station = Station(PLAN, node, clock, **more)
 

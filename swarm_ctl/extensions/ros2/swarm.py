@@ -1,0 +1,196 @@
+"""A station's swarm in ROS 2: its states, pictures and alarms as topics, an operator's orders as
+services.
+
+Topics and services have fixed names, so that a layout of RViz fits every mission: what flies beside
+is another domain.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from rosbags.typesys.stores.ros2_jazzy import builtin_interfaces__msg__Time as Time
+
+from swarm_ctl.commands.parse import group_names, parse
+from swarm_ctl.core.model.messages import AgentState, CommandKind
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.engine import clock as wall
+from swarm_ctl.errors import InputError
+from swarm_ctl.extension import Answer, Extension, StationHandle
+from swarm_ctl.extensions.ros2.messages import (
+    NANO,
+    clock,
+    diagnostics,
+    drone,
+    fix,
+    markers,
+    odometry,
+    pose,
+    time_of,
+    transforms,
+)
+from swarm_ctl.extensions.ros2.node import Request, Ros2Node, configuration
+from swarm_ctl.extensions.ros2.rmw import ros_name
+from swarm_ctl.recording.topics import BY_PAYLOAD, Topic, adapter
+from swarm_ctl.station.picture.protection import MeshKind, Protection
+from swarm_ctl.station.picture.view import SwarmView
+from swarm_ctl.trust.identity import Identity, load_identity
+
+_NODE: Final = "swarm_ctl"
+_LAST_DOMAIN: Final = 232
+_OF_SOME: Final = (CommandKind.HOLD, CommandKind.RESUME, CommandKind.LAND, CommandKind.RETURN)
+_OF_ALL: Final = (*_OF_SOME, CommandKind.NEXT)
+"""No `kill` and no `expel`: an operator confirms them, and a service asks no one."""
+_DIAGNOSTICS_WALL_S: Final = 1.0
+"""The usual rate of `/diagnostics`."""
+_LIFETIME_WALL_S: Final = 2.0
+"""Of a marker; a station looks at least every half second."""
+_NO_PICTURE: Final = "the station has no picture of the swarm yet"
+
+
+def services(plan: Plan) -> dict[str, str]:
+    """The orders that can be given as a `std_srvs/srv/Trigger`, as an operator types them, by the
+    service's name."""
+    found = {f"/swarm/{kind}": str(kind) for kind in _OF_ALL}
+    for shape in dict.fromkeys(shape.name for shape in plan.shapes):
+        found[_free(f"/swarm/form/{ros_name(shape)}", found)] = f"form {shape}"
+    for group in group_names(plan):
+        free = _free(f"/group_{ros_name(group)}", {name.rpartition("/")[0]: "" for name in found})
+        found |= {f"{free}/{kind}": f"{kind} @{group}" for kind in _OF_SOME}
+    for agent in plan.agents:
+        found |= {f"/{drone(agent.id)}/{kind}": f"{kind} @{agent.id}" for kind in _OF_SOME}
+    return found
+
+
+def _free(name: str, taken: Mapping[str, str]) -> str:
+    """`name`, or with a number where two names of the mission become one in ROS."""
+    numbered = (f"{name}_{k}" for k in range(2, 2 + len(taken)))
+    return name if name not in taken else next(each for each in numbered if each not in taken)
+
+
+class Ros2(Extension):
+    """The swarm of one station in a domain of ROS 2, its argument: DOMAIN, or DOMAIN,FOLDER with
+    the keys that guard the link to ROS 2. Without a domain: `ROS_DOMAIN_ID`, or 0.
+
+    Where mission time is not the wall clock's, `/clock` tells it, and stamps are of it.
+    """
+
+    def __init__(self, argument: str, station: StationHandle) -> None:
+        domain, identity = _argument(argument, os.environ)
+        if identity is not None and identity.swarm != station.plan.name:
+            raise InputError(
+                f"ros2={argument}: its keys are of the swarm {identity.swarm}; allowed: those of"
+                f" {station.plan.name}"
+            )
+        self._station = station
+        self._simulated = station.stepped or station.speedup != 1.0
+        self._accuracy_m: dict[int, float | None] = {}
+        self._clock_s = -math.inf
+        self._due_wall_s = 0.0
+        self._why_not = _NO_PICTURE
+        """Why no orders are taken; '' where they are."""
+        self._orders = services(station.plan)
+        self._node = Ros2Node(domain, _NODE, identity)
+        for service in self._orders:
+            self._node.serve(service, self._order)
+        self.sink = self
+
+    @classmethod
+    def check(cls, argument: str) -> None:
+        _, identity = _argument(argument, os.environ)
+        configuration(os.environ, identity)
+
+    def write(
+        self, topic: Topic, agent: int | None, heard_ns: int, said_ns: int, data: bytes
+    ) -> None:
+        """Of the mesh's messages only the states go on as they come."""
+        del agent, heard_ns, said_ns  # an agent's clock is known to the station as mission time
+        if topic is not BY_PAYLOAD[AgentState]:
+            return
+        state: AgentState = adapter(AgentState).validate_json(data)
+        now_s = self._station.now()
+        self._tell_clock(now_s)
+        at, name = self._stamp(state.time_s, now_s), drone(state.agent)
+        accuracy_m = self._accuracy_m.get(state.agent)
+        self._node.publish(f"/{name}/pose", pose(state, at))
+        self._node.publish(f"/{name}/odom", odometry(state, accuracy_m, at))
+        self._node.publish("/tf", transforms([(state, at)]))
+
+    def flush(self) -> None:
+        """Nothing waits here."""
+
+    def abandon(self) -> None:
+        """`close` ends the node."""
+
+    def take(self, view: SwarmView) -> None:
+        before, self._why_not = self._why_not, _why_no_orders(view.protection, self._node)
+        if self._why_not not in ("", before):
+            self._station.tell(f"no orders from ROS 2: {self._why_not}")
+        self._tell_clock(view.time_s)
+        at = self._stamp(view.time_s, view.time_s)
+        lifetime_s = _LIFETIME_WALL_S * (view.speedup if self._simulated else 1.0)
+        self._node.publish("/swarm/markers", markers(view, at, lifetime_s))
+        for agent in view.agents:
+            accuracy_m = agent.status.position_accuracy_m if agent.status else None
+            self._accuracy_m[agent.id] = accuracy_m
+            if agent.state is not None and agent.in_plan and not agent.lost:
+                true_at = self._stamp(agent.state.time_s, view.time_s)
+                told = fix(agent.state, accuracy_m, view.plan.origin, true_at)
+                self._node.publish(f"/{drone(agent.id)}/fix", told)
+        if wall.wall_s() >= self._due_wall_s:
+            self._due_wall_s = wall.wall_s() + _DIAGNOSTICS_WALL_S
+            self._node.publish("/diagnostics", diagnostics(view, at))
+
+    def _tell_clock(self, now_s: float) -> None:
+        if self._simulated and now_s > self._clock_s:
+            self._clock_s = now_s
+            self._node.publish("/clock", clock(round(now_s * NANO)))
+
+    def _stamp(self, time_s: float, now_s: float) -> Time:
+        """Of mission time; on the wall clock, so long ago as it was."""
+        if self._simulated:
+            return time_of(round(time_s * NANO))
+        return time_of(round((wall.unix_s() - (now_s - time_s)) * NANO))
+
+    def _order(self, request: Request) -> None:
+        """On zenoh's thread; the answer comes in this extension's."""
+        if self._why_not:
+            request.answer(False, f"no orders from ROS 2: {self._why_not}")
+            return
+
+        def answered(answer: Answer) -> None:
+            if isinstance(answer, InputError):
+                request.answer(False, str(answer))
+            else:
+                request.answer(answer.accepted, repr(answer).strip("<>"))
+
+        order = parse(self._orders[request.service], self._station.plan)
+        self._station.order(order, answered)
+
+    def close(self) -> None:
+        self._node.close()
+
+
+def _argument(argument: str, environment: Mapping[str, str]) -> tuple[int, Identity | None]:
+    """The domain, and whose keys guard the link to ROS 2."""
+    text, _, folder = argument.partition(",")
+    told = text or environment.get("ROS_DOMAIN_ID") or "0"
+    if not (told.isascii() and told.isdecimal() and int(told) <= _LAST_DOMAIN):
+        where = f"ros2={argument}" if text else f"ROS_DOMAIN_ID={told}"
+        raise InputError(f"{where}: is no domain of ROS 2; allowed: 0 to {_LAST_DOMAIN}")
+    return int(told), load_identity(Path(folder)) if folder else None
+
+
+def _why_no_orders(protection: Protection, node: Ros2Node) -> str:
+    """'' where they are taken: from others no easier than on the mesh."""
+    if not protection.commands:
+        return f"{protection.who} may only watch"
+    if protection.mesh is MeshKind.TLS and not node.guarded:
+        return "the swarm has keys, and its link to ROS 2 has none (--attach ros2=DOMAIN,FOLDER)"
+    if protection.mesh is MeshKind.LOCAL and node.leaves_host:
+        return "other computers reach the link to ROS 2, and the swarm has no keys"
+    return ""
