@@ -20,10 +20,11 @@ from swarm_ctl.cli.shared.options import (
     attaching,
     complete_runs,
     option,
+    without,
     zenoh_settings,
 )
 from swarm_ctl.cli.shared.result import exit_code, show_summary
-from swarm_ctl.errors import InputError
+from swarm_ctl.errors import InputError, StartError
 
 if TYPE_CHECKING:
     from swarm_ctl.engine.station.join import SwarmElsewhere
@@ -37,6 +38,10 @@ _RUNS: Final = (
 _TRUTH: Final = (
     "With --runs: what `sim --truth` writes on this computer. The run is judged by it, and gets a"
     " copy.  [default: judged by the vehicles' own estimates]"
+)
+_WEB_DASHBOARD: Final = (
+    "Serve the dashboard to web browsers on this port of 127.0.0.1, instead of this terminal. Who"
+    " has the link commands. Needs the extra `web`.  [8701 where no port follows]"
 )
 _MESH: Final = (
     "With --mission: where an agent listens; repeat it for each.  [default: as in its fleet]"
@@ -68,6 +73,7 @@ def station(
     headless: Headless = False,
     json: Json = False,
     attach: Attach = None,
+    web_dashboard: Annotated[int | None, option("PORT", _WEB_DASHBOARD, min=1, max=65535)] = None,
 ) -> None:
     """Watch and command a swarm that flies already.
 
@@ -100,6 +106,19 @@ def station(
     show = shown(headless=headless, json=json)
     attached = attach or []
     check(attached)
+    if web_dashboard is not None:
+        for name, given in {
+            "--headless": headless,
+            "--json": json,
+            "--runs": runs,
+            "an extension": attached,
+        }.items():
+            if given:
+                raise InputError(f"--web-dashboard with {name}; allowed: one of them")
+        if mission is None:
+            flying_run(run)
+        _serve_dashboard(web_dashboard)
+        return
     if mission is None:
         for name, value in {
             "--mesh": mesh,
@@ -127,6 +146,23 @@ def station(
             join_swarm(swarm, show, attached)
         else:
             raise typer.Exit(_judge(swarm, runs, truth, show, attached))
+
+
+def _serve_dashboard(port: int) -> None:
+    from swarm_ctl.engine.local_server import refuse_taken
+
+    try:
+        from swarm_ctl.engine.station.served_dashboard import DashboardServer
+    except ModuleNotFoundError as error:
+        raise StartError(
+            f"--web-dashboard needs {error.name}, which is not installed; install with: pip install"
+            " 'swarm-ctl[web]'"
+        ) from None
+    refuse_taken(port, "web-dashboard")
+    words = sys.argv[sys.argv.index("station") + 1 :]
+    server = DashboardServer(without(words, "--web-dashboard"), port)
+    PlainConsole().say(f"the dashboard, for whoever may command: {server.link}  (Ctrl-C ends it)")
+    server.serve()
 
 
 def _judge(

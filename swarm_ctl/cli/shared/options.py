@@ -124,7 +124,7 @@ SHORT_WORDS = (
     ShortWord("foxglove", "foxglove", "PORT", _FOXGLOVE),
     ShortWord("ros2", "ros2", "DOMAIN", _ROS2, alone=""),
 )
-_ALONE = {"--gcs": str(GCS_PORT)} | {
+_ALONE = {"--gcs": str(GCS_PORT), "--web-dashboard": "8701"} | {
     f"--{each.option}": each.alone for each in SHORT_WORDS if each.alone is not None
 }
 
@@ -166,6 +166,15 @@ def filled(arguments: Sequence[str]) -> list[str]:
         f"{each}={_ALONE[each]}" if each in _ALONE and not ADDRESS.fullmatch(after) else each
         for each, after in zip(arguments, following, strict=True)
     ]
+
+
+def without(arguments: Sequence[str], name: str) -> list[str]:
+    """The command line without an option that has a value."""
+    given = filled(arguments)
+    while name in given:
+        at = given.index(name)
+        del given[at : at + 2]
+    return [each for each in given if not each.startswith(f"{name}=")]
 
 
 def zenoh_settings(file: Path | None, *, guarded: bool) -> dict[str, Any]:

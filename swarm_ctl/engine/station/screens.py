@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 
 _TTY: Final = "/dev/tty"
+_WEB_DRIVER: Final = "textual.drivers.web_driver:WebDriver"
 _NO_DASHBOARD: Final = (
     "the dashboard ended by an error; the station goes on: log lines from now on, commands by"
     " `swarm-ctl send` or `swarm-ctl station` in another terminal"
@@ -54,7 +55,14 @@ def possible(show: Show) -> Show:
     return Show.LOG if show is Show.DASHBOARD and not _can_show_dashboard() else show
 
 
+def in_browser() -> bool:
+    """This process was started for a visitor of `served_dashboard`: its stdout is a browser's."""
+    return os.environ.get("TEXTUAL_DRIVER") == _WEB_DRIVER
+
+
 def _can_show_dashboard() -> bool:
+    if in_browser():
+        return True
     dumb = os.environ.get("TERM", "").lower() in ("dumb", "unknown")
     if dumb or "utf" not in (sys.stdout.encoding or "").lower():
         return False
@@ -136,7 +144,8 @@ class DashboardScreen:
         from swarm_ctl.station.dashboard.driver import TtyDriver
 
         self._orders: queue.SimpleQueue[Order] = queue.SimpleQueue()
-        self.app: Dashboard = Dashboard(plan, self._orders.put, interrupt, driver_class=TtyDriver)
+        driver = None if in_browser() else TtyDriver  # None: the one that the environment names
+        self.app: Dashboard = Dashboard(plan, self._orders.put, interrupt, driver_class=driver)
         self._left = False
         self._out = out
         self._lines: StationRelay | None = None
