@@ -1,31 +1,27 @@
-"""The mesh in lockstep: each message carries who published it in which tick, so that a tick gets
-exactly those of the tick before, in a fixed order."""
+"""The mesh in lockstep: each message carries the tick in which it was said and its number among
+those under its key, so that a tick hears exactly what was said in the tick before, in a fixed
+order. What has not come is said again."""
 
 from __future__ import annotations
 
 import struct
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
-from operator import itemgetter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 
 from swarm_ctl.core.kernel.boundary import FOLLOW_TICKS
 from swarm_ctl.core.model.messages import Refusal
-from swarm_ctl.mesh.keys import CHANNELS, QUEUE, Channel, Qos, owner_of
+from swarm_ctl.mesh.keys import QUEUE, Channel, Qos
 from swarm_ctl.mesh.transport import Carried, Inlet, Message, Transport
 
-_MARK: Final = struct.Struct("<HI")
-"""A member's number, and a tick; 0: a hello, which is no message."""
+_MARK: Final = struct.Struct("<IH")
+"""A tick, and the message's number under its key in that tick."""
 MARK_SIZE: Final = _MARK.size
-_OUTSIDER: Final = 0xFFFF
-"""A publisher that is no member, such as `swarm-ctl send`: its messages come when they come."""
-_AHEAD: Final = 4096
-"""Ticks that a mark may be ahead of the own tick: as many messages as a subscription keeps."""
+_AHEAD_TICKS: Final = 2
+"""Another member may have done the tick that this one begins; none is farther ahead of what this
+one has heard."""
 Marked: TypeAlias = tuple[str, Carried, bytes]
 """(key, bytes, mark) of a message."""
-Owners: TypeAlias = dict[int, tuple[str, str]]
-"""By member: what owns the keys that it speaks under (`keys.owner_of`)."""
-INDEX: Final = {channel.name: i for i, channel in enumerate(CHANNELS)}
+_Said: TypeAlias = tuple[str, bytes, Qos, bytes]
 
 
 class MarkedSource(NamedTuple):
@@ -46,91 +42,71 @@ class MarkedTransport(Transport, Protocol):
         """As `subscribe`."""
 
 
-def _stream(key: str) -> tuple[int, str]:
-    """A key's channel, as its place in `CHANNELS`, and its publisher's name; `*`: all of them."""
-    owner, _, channel = key.rpartition("/")
-    return INDEX[channel], owner.rpartition("/")[2]
-
-
 class SteppedInlet(Inlet):
     """One subscription; `drain` gives what belongs to the tick.
 
     Args:
         source: where its messages come from.
-        owners: by member, what owns the keys that it speaks under.
         begins: the first tick of which messages count. How long a subscription takes is the
             machine's; from which tick on it counts is not.
         end: forgets this inlet.
     """
 
-    def __init__(
-        self, source: MarkedSource, owners: Owners, begins: int, end: Callable[[], object]
-    ) -> None:
+    def __init__(self, source: MarkedSource, begins: int, end: Callable[[], object]) -> None:
         self._take, self._unsubscribe = source
-        self._owners = owners
         self.begins = begins
         self._forget = end
-        self._waiting: list[tuple[int, int, str, Carried]] = []
-        self.counts: dict[tuple[int, int], int] = {}
-        """Messages that have come, by (tick, member)."""
-        self.heard: set[int] = set()
-        """Members of which anything has come."""
+        self.waiting: dict[int, dict[str, dict[int, Carried]]] = {}
+        """Messages by tick, key and number."""
+        self._loose: list[tuple[str, Carried]] = []
+        """Messages of no tick that is waited for: they are heard when they come."""
         self._given: list[Message] = []
 
-    def fill(self, heard: int | None = None) -> None:
-        """Take in what has come; `heard`: up to which tick this process hears now."""
+    def fill(self, given: int, silent: set[str]) -> None:
+        """Take in what has come. `given`: what was said up to this tick was given out, but for what
+        the keys `silent` still owe."""
+        took = False
         for _ in range(QUEUE):
             item = self._take()
             if item is None:
                 break
+            took = True
             key, data, mark = item
-            member, tick = self._placed(key, mark, heard)
-            if member != _OUTSIDER:
-                self.heard.add(member)
-            if tick and not 0 < tick < self.begins:
-                self.counts[tick, member] = self.counts.get((tick, member), 0) + 1
-                self._waiting.append((member, tick, key, data))
-        self._bound()
-
-    def _placed(self, key: str, mark: bytes, heard: int | None) -> tuple[int, int]:
-        """Whose message it is, and of which tick. A member's number belongs to the owner of the key
-        that it was first heard under: no other can speak, or be counted, in its place."""
-        if len(mark) != _MARK.size:
-            return _OUTSIDER, -1
-        member, tick = _MARK.unpack(mark)
-        known = len(self._owners) < QUEUE or member in self._owners
-        mine = known and self._owners.setdefault(member, owner_of(key)) == owner_of(key)
-        if member == _OUTSIDER or not mine or (heard is not None and tick > heard + _AHEAD):
-            return _OUTSIDER, -1
-        return member, tick
+            tick, number = _MARK.unpack(mark) if len(mark) == MARK_SIZE else (-1, 0)
+            if given < tick <= given + _AHEAD_TICKS:
+                if tick >= self.begins:
+                    self.waiting.setdefault(tick, {}).setdefault(key, {})[number] = data
+            elif not 0 <= tick <= given or (tick and key in silent):  # else it was said again
+                self._loose.append((key, data))
+        if took:
+            self._bound()
 
     def _bound(self) -> None:
-        """What waits for a later tick is at most `QUEUE`: the key with the most loses its oldest
-        ones."""
-        while (excess := len(self._waiting) - QUEUE) > 0:
-            [(most, count)] = Counter(key for _, _, key, _ in self._waiting).most_common(1)
-            going = min(excess, count)
-            kept = []
-            for item in self._waiting:
-                if going and item[2] == most:
-                    going -= 1
-                else:
-                    kept.append(item)
-            self._waiting = kept
+        """What waits for a later tick is at most `QUEUE` messages: the key with the most loses
+        them."""
+        while sum(len(said) for tick in self.waiting.values() for said in tick.values()) > QUEUE:
+            _, tick, key = max(
+                (len(said), tick, key)
+                for tick, by_key in self.waiting.items()
+                for key, said in by_key.items()
+            )
+            del self.waiting[tick][key]
 
-    def give(self, heard: int | None, received_s: float) -> None:
-        """Give out what was published up to tick `heard` (None: all), by tick and member, each
-        one's in their order."""
-        if not self._waiting and not self.counts:  # as on most channels in most ticks
-            return
-        waiting, self._waiting = self._waiting, []
-        now = waiting if heard is None else [item for item in waiting if item[1] <= heard]
-        if len(now) < len(waiting) and heard is not None:
-            self._waiting = [item for item in waiting if item[1] > heard]
-        now.sort(key=itemgetter(1, 0))
-        self._given += [(received_s, key, data) for _, _, key, data in now]
-        later = {key: n for key, n in self.counts.items() if heard is not None and key[0] > heard}
-        self.counts = later
+    def has(self, tick: int, key: str, count: int) -> bool:
+        """Whether so many messages have come that were said in this tick under this key."""
+        return len(self.waiting.get(tick, {}).get(key, ())) >= count
+
+    def give(self, heard: int | None, received_s: float, order: Mapping[str, int]) -> None:
+        """Give out what was said up to tick `heard` (None: all), by tick and in this order of the
+        keys; what was said in tick 0 is no message."""
+        if self._loose:
+            self._given += [(received_s, key, data) for key, data in self._loose]
+            self._loose = []
+        for tick in sorted(t for t in self.waiting if heard is None or t <= heard):
+            by_key = self.waiting.pop(tick)
+            for key in sorted(by_key, key=lambda key: order.get(key, -1)) if tick else ():
+                said = by_key[key]
+                self._given += [(received_s, key, said[number]) for number in sorted(said)]
 
     def drain(self) -> list[Message]:
         given, self._given = self._given, []
@@ -146,102 +122,117 @@ class SteppedTransport(Transport):
 
     def __init__(self, inner: MarkedTransport) -> None:
         self._inner = inner
-        self._mark = b""
         self._tick = 0
-        self._published: dict[int, int] = {}
-        self._channels: dict[str, int] = {}
-        self._inlets: dict[tuple[int, str], SteppedInlet] = {}
-        self._unwaited: set[tuple[int, int]] = set()
-        """Members (by channel) of which a message was missed: not waited for until one comes."""
-        self._owners: Owners = {}
+        self._given = -1
+        self._free = False
+        self._counts: dict[str, int] = {}
+        self._said: dict[int, list[_Said]] = {0: []}
+        """What this member said in its newest ticks. Who has not heard one of them holds the clock,
+        so it is not asked for an older one than that before the last one."""
+        self._own: set[str] = set()
+        self._inlets: dict[str, SteppedInlet] = {}
+        self._routes: dict[str, SteppedInlet | None] = {}
+        """What hears a key."""
+        self._silent: set[str] = set()
+        """Keys of which a message was missed: not waited for until one comes in time."""
 
-    def know(self, owners: Owners) -> None:
-        """What owns the keys of these members; of others, the first message tells."""
-        self._owners.update(owners)
+    def begin(self, tick: int) -> None:
+        """What is said now belongs to this tick, as does what was said since the last one."""
+        if tick != self._tick:
+            since = self._said.pop(self._tick, [])
+            self._enter(tick)
+            for key, data, qos, _ in since:
+                self.publish(key, data, qos)
 
-    def begin(self, member: int, tick: int) -> None:
-        """What is published now belongs to this tick; 0: hellos."""
-        self._mark, self._tick = _MARK.pack(member, tick), tick
+    def end(self) -> dict[str, int]:
+        """The tick is over: so many messages were said in it, by key."""
+        counts = self._counts
+        self._enter(self._tick + 1)
+        return counts
+
+    def _enter(self, tick: int) -> None:
+        kept = {t: said for t, said in self._said.items() if t >= tick - 2}
+        self._said = kept | {tick: []}
+        self._tick, self._counts = tick, {}
+
+    def let_run(self) -> None:
+        """From now on as without lockstep."""
+        self._free = True
 
     def publish(self, key: str, data: bytes, qos: Qos) -> None:
-        channel = self._channels.get(key)
-        if channel is None:
-            channel = self._channels[key] = INDEX[key.rpartition("/")[2]]
-        self._published[channel] = self._published.get(channel, 0) + 1
-        self._inner.publish(key, data, qos, self._mark)
+        if self._free:
+            self._inner.publish(key, data, qos)
+            return
+        number = self._counts.get(key, 0)
+        self._counts[key] = number + 1
+        if key not in self._own:
+            self._own.add(key)
+            self._routes.clear()
+        mark = _MARK.pack(self._tick, number)
+        self._said[self._tick].append((key, data, qos, mark))
+        self._inner.publish(key, data, qos, mark)
 
-    def published(self) -> dict[int, int]:
-        """Messages by channel since the last call."""
-        published, self._published = self._published, {}
-        return published
+    def answer(self, swarm: str, name: int | str, channels: Iterable[Channel[Any]]) -> None:
+        """To the roll call: an empty message on each channel."""
+        for channel in channels:
+            self.publish(channel.key(swarm, name), b"", channel.qos)
+
+    def say_again(self, tick: int, keys: Sequence[str]) -> None:
+        """What was said in this tick under these keys."""
+        for key, data, qos, mark in self._said.get(tick, ()):
+            if key in keys:
+                self._inner.publish(key, data, qos, mark)
 
     def subscribe(self, key_expression: str, *, timed: bool = False) -> SteppedInlet:  # noqa: ARG002 - always
         begins = self._tick + FOLLOW_TICKS if self._tick else 0
         source = self._inner.subscribe_marked(key_expression)
-        stream = _stream(key_expression)
-        inlet = SteppedInlet(source, self._owners, begins, lambda: self._inlets.pop(stream, None))
-        self._inlets[stream] = inlet
+        inlet = SteppedInlet(source, begins, lambda: self._end(key_expression))
+        self._inlets[key_expression] = inlet
+        self._routes.clear()
         return inlet
 
-    def hello(self, swarm: str, name: int | str, channels: Iterable[Channel[Any]]) -> None:
-        """Say on each channel that its messages will come this way."""
-        for channel in channels:
-            self._inner.publish(channel.key(swarm, name), b"", channel.qos, self._mark)
+    def _end(self, key_expression: str) -> None:
+        self._inlets.pop(key_expression, None)
+        self._routes.clear()
 
-    def unheard(
-        self, members: Mapping[str, Iterable[int]], *, any_channel: bool = False
-    ) -> set[int]:
-        """Members (by the channels' publisher, `agent` or `station`) of which nothing has come on a
-        channel that is subscribed to, or (`any_channel`) on all of them."""
-        missing: set[int] = set()
-        heard: set[int] = set()
-        for (channel, _), inlet in self._inlets.items():
-            inlet.fill()
-            heard |= inlet.heard
-            missing |= set(members.get(CHANNELS[channel].publisher, ())) - inlet.heard
-        return missing - heard if any_channel else missing
+    def _route(self, key: str) -> SteppedInlet | None:
+        if key in self._own:
+            return None
+        kind, _, channel = key.rsplit("/", 2)
+        return self._inlets.get(key) or self._inlets.get(f"{kind}/*/{channel}")
 
-    def lacking(
-        self, heard: int, published: Iterable[tuple[int, int, int]], own: int
-    ) -> list[tuple[int, int]]:
-        """Members and channels of whose messages of tick `heard` some have not come yet."""
-        for each in self._inlets.values():
-            each.fill(heard)
-        every = {channel: i for (channel, name), i in self._inlets.items() if name == "*"}
-        followed = {channel for channel, name in self._inlets if name != "*"}
-        missing = []
-        for member, channel, count in published:  # a large swarm publishes hundreds
-            inlet = every.get(channel)
-            if inlet is None and channel in followed and member in self._owners:
-                inlet = self._inlets.get((channel, self._owners[member][1]))
-            if inlet is None or member == own or heard < inlet.begins:
+    def lacking(self, heard: int, said: Mapping[str, int]) -> dict[str, int]:
+        """Of what was `said` in the tick `heard`, messages by key, that which has not come yet."""
+        for inlet in self._inlets.values():
+            inlet.fill(self._given, self._silent)
+        routes, lacking = self._routes, {}
+        for key, count in said.items():  # a large swarm says hundreds
+            try:
+                inlet_of = routes[key]
+            except KeyError:
+                inlet_of = routes[key] = self._route(key)
+            if inlet_of is None or heard < inlet_of.begins:
                 continue
-            if inlet.counts.get((heard, member), 0) >= count:
-                self._unwaited.discard((member, channel))
-            elif (member, channel) not in self._unwaited:
-                missing.append((member, channel))
-        return missing
+            if inlet_of.has(heard, key, count):
+                self._silent.discard(key)
+            elif key not in self._silent:
+                lacking[key] = count
+        return lacking
 
-    def unproven(self, published: Iterable[tuple[int, int, int]]) -> bool:
-        """A subscription begins to count with the next tick, and nothing has come yet by which it
-        is known to work; `published`: which members speak."""
-        due = {p: i for p, i in self._inlets.items() if i.begins == self._tick + 1 and not i.heard}
-        for inlet in due.values():
-            inlet.fill()
-        silent = {stream for stream, inlet in due.items() if not inlet.heard}
-        speak = ((channel, self._owners.get(m, ("", ""))[1]) for m, channel, _ in published)
-        return not silent.isdisjoint(speak) if silent else False
+    def give_up(self, keys: Iterable[str]) -> None:
+        """Do not wait for these again before a message of theirs comes in time."""
+        self._silent.update(keys)
 
-    def give(self, heard: int | None, received_s: float) -> None:
-        """Let the inlets give out what was published up to tick `heard`; None: all."""
+    def give(self, heard: int | None, received_s: float, said: Iterable[str] = ()) -> None:
+        """Let the inlets give out what was said up to tick `heard`, in the order of these keys;
+        None: all."""
+        order = {key: i for i, key in enumerate(said)}
         for inlet in self._inlets.values():
             if heard is None:
-                inlet.fill()
-            inlet.give(heard, received_s)
-
-    def give_up(self, lacking: Iterable[tuple[int, int]]) -> None:
-        """Do not wait for these again before one of their messages comes in time."""
-        self._unwaited.update(lacking)
+                inlet.fill(self._given, self._silent)
+            inlet.give(heard, received_s, order)
+        if heard is not None:
+            self._given = heard
 
     def refused(self, now: float) -> tuple[Refusal, ...]:
         return self._inner.refused(now)

@@ -176,8 +176,8 @@ FAULTS: Final = (
         "keeper-agents",
         "grants what comes after a tick without waiting for the agents",
         "swarm_ctl/engine/lockstep/keeper.py",
-        "if any(m.port for m in running):",
-        "if any(not m.port for m in running):",
+        "agents = [m for m in running if m.port]",
+        "agents = [m for m in running if not m.port]",
         lockstep=True,
     ),
     Fault(

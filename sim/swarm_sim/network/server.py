@@ -39,7 +39,6 @@ _STOP_S, _STOP_WALL_S, _SPRINT = 0.5, 0.2, 2.0
 as fast as the clock until it has caught up."""
 _GATHER_S = 0.005
 """Wall-clock time for which datagrams gather after a first one; none waits beyond the next step."""
-_WAIT_WALL_S = 1.0
 _REST_WALL_S, _LATE_WALL_S = 2e-4, 2.0
 """For a datagram that a client says it has sent."""
 _LATE_S, _SAY_AGAIN_S = 1.0, 10.0
@@ -158,7 +157,7 @@ class Server:
         """Until the end; False when the keeper is gone: then the system clock goes on."""
         try:
             while not self._stopping:
-                tick = barrier.wait(_WAIT_WALL_S)
+                tick = barrier.wait()
                 if tick is not None and self._step_up_to(tick, barrier):
                     return True
         except KeeperGoneError as gone:
@@ -171,8 +170,8 @@ class Server:
 
     def _step_up_to(self, tick: TickWord, barrier: Barrier) -> bool:
         """Hear what belongs to the tick, do the world up to it; whether that was the last tick."""
-        self._clock.stand(tick.number * barrier.tick_s)
-        self._owed = Counter() if tick.anew else self._owed + Counter(tick.datagrams)
+        self._clock.stand(tick.tick * barrier.tick_s)
+        self._owed = Counter() if tick.anew else self._owed + Counter(tick.sent)
         self._take_arrivals(barrier)
         world = self.hub.world
         while world.next_s <= self._clock.now() + STEP_S / 2:

@@ -1,38 +1,34 @@
 """The keeper of mission time: grants tick after tick, each when all members have done the one
-before. It knows no mission and no message; it counts."""
+before. It knows no mission and no message; it passes on who said how many."""
 
 from __future__ import annotations
 
-import math
 import os
+import select
 import selectors
 import socket
 import struct
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, Final
 
 from swarm_ctl.engine import clock as wall
-from swarm_ctl.engine.lockstep.words import (
-    LONGEST,
-    Done,
-    TickPhase,
-    TickWord,
-    Word,
-    pack_json,
-    pack_tick,
-    packets,
-    read_done,
-    read_json,
-)
+from swarm_ctl.engine.lockstep.words import LONGEST, TickPhase, packed, packets, read
 
 _TELL_WALL_S: Final = 1.0
 """Between two signs of life to those that wait."""
+_WORDS_WALL_S: Final = 0.05
+"""While it waits for one member, it looks so often for the words of the others."""
+_AGAIN_WALL_S, _AGAIN_MOST_WALL_S, _FEW = 0.05, 2.0, 8
+"""Between two requests to say the same again. What one says all get: with more than a few members,
+the pause grows by the square of their number, as the messages do."""
 _STATIONS_FACTOR: Final = 10.0
 """Mission seconds per second when only stations are left, which wait for silent agents."""
 _PEER: Final = struct.Struct("3i")
 """A Unix peer's process, user, group."""
+_ROLL_CALL_TICKS: Final = 1
+"""Up to this tick the mesh's links may still open, and nobody is taken for stopped."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +37,7 @@ class Rules:
 
     tick_s: float
     expected: tuple[str, ...]
-    """The members without which the clock does not start, in the order of their numbers."""
+    """The members without which the clock does not start, in the order in which they are heard."""
     factor: float | None = None
     """Mission seconds per second of the wall clock at most; None: as fast as it goes."""
     patience_wall_s: float = 10.0
@@ -67,6 +63,7 @@ class KeptMember:
 
     socket: socket.socket
     number: int = -1
+    """The order in which the members are heard."""
     name: str = ""
     phase: TickPhase = TickPhase.SWARM
     port: int = 0
@@ -74,6 +71,7 @@ class KeptMember:
     state: KeeperState = KeeperState.JOINING
     anew: bool = True
     since_wall_s: float = 0.0
+    again_wall_s: float = 0.0
 
     @property
     def live(self) -> bool:
@@ -82,6 +80,8 @@ class KeptMember:
 
 
 class _Stage(IntEnum):
+    """What the keeper waits for."""
+
     START = 0
     WORLD = 1
     SWARM = 2
@@ -109,8 +109,10 @@ class Keeper:
         self._numbers = len(rules.expected)
         self._stage = _Stage.START
         self._tick = 0
-        self._dones: dict[int, Done] = {}
+        self._dones: dict[int, dict[str, Any]] = {}
         """What each member did in its newest tick, also if it has left in that; by number."""
+        self._speakers: dict[str, KeptMember] = {}
+        """Who speaks under each key."""
         self._due_wall_s = self._tell_wall_s = 0.0
         self.over = False
         """No member will come any more."""
@@ -130,10 +132,16 @@ class Keeper:
 
     def turn(self) -> None:
         """Wait for words, at most until something is due, and do what follows from them."""
-        for key, _ in self._selector.select(self._timeout_s()):
+        wait_s = self._timeout_s()
+        if waited_for := self._waited_for():
+            # The one that was granted last ends last, most often: one wait instead of one for each.
+            select.select([waited_for[-1].socket], [], [], min(wait_s, _WORDS_WALL_S))
+            wait_s = 0.0
+        for key, _ in self._selector.select(wait_s):
             key.data(key.fileobj)
         self._look_after()
-        self._advance()
+        while self._advance():
+            pass
 
     def close(self) -> None:
         """Leave all members to themselves."""
@@ -162,42 +170,38 @@ class Keeper:
             return
         except OSError:
             data = b""
-        if not data:
-            self._leave(member)
-            return
         try:
-            self._take(member, data)
-        except (ValueError, KeyError, struct.error):  # no member of ours
-            self._leave(member)
+            if data:
+                self._take(member, read(data))
+                return
+        except (ValueError, KeyError, TypeError, AttributeError):  # no member of ours
+            pass
+        self._leave(member)
 
-    def _take(self, member: KeptMember, data: bytes) -> None:
-        match data[0]:
-            case Word.DONE:
-                self._done(member, read_done(data))
-            case Word.JOIN:
-                self._join(member, read_json(data))
-            case Word.READY:
-                member.state = KeeperState.IDLE
-            case Word.NOTE:
-                self._note(f"{member.name}: {data[1:].decode()}")
-            case Word.DROP:
-                self._put(data[1:].decode(), KeeperState.STALLED)
-            case Word.TAKE:
-                self._put(data[1:].decode(), KeeperState.IDLE)
+    def _take(self, member: KeptMember, word: dict[str, Any]) -> None:
+        if "done" in word:
+            self._done(member, word)
+        elif "ask" in word:
+            self._ask(word["ask"], word["keys"])
+        elif "join" in word:
+            self._join(member, word)
+        elif "note" in word:
+            self._note(f"{member.name}: {word['note']}")
+        elif "drop" in word:
+            self._put(word["drop"], KeeperState.STALLED)
+        else:
+            self._put(word["take"], KeeperState.IDLE)
 
-    def _join(self, member: KeptMember, fields: dict[str, Any]) -> None:
-        member.name, member.port = fields["name"], fields["port"]
-        member.phase = TickPhase(fields["phase"])
+    def _join(self, member: KeptMember, word: dict[str, Any]) -> None:
+        member.name, member.port = str(word["join"]), int(word["port"])
+        member.phase = TickPhase(word["phase"])
         if member.name in self._missing:
             self._missing.remove(member.name)
             member.number = self._rules.expected.index(member.name)
         else:
             member.number, self._numbers = self._numbers, self._numbers + 1
-        started = self._stage is not _Stage.START
-        live = [(m.number, m.name) for m in self._members if m.live]
-        others = live if started else list(enumerate(self._rules.expected))
-        about = {"tick_s": self._rules.tick_s, "tick": self._tick, "late": started}
-        self._send(member, pack_json(Word.WELCOME, number=member.number, others=others, **about))
+        member.state = KeeperState.IDLE
+        self._send(member, packed(tick_s=self._rules.tick_s, now=self._tick))
 
     def _leave(self, member: KeptMember) -> None:
         self._selector.unregister(member.socket)
@@ -206,12 +210,25 @@ class Keeper:
         if member.name in self._missing:
             self._missing.remove(member.name)
 
-    def _done(self, member: KeptMember, done: Done) -> None:
+    def _done(self, member: KeptMember, word: dict[str, Any]) -> None:
         if member.state is KeeperState.STALLED:
             member.anew = True
             self._note(f"{member.name} is back; it takes part again from {self._time()}")
-        self._dones[member.number] = done
-        member.state = KeeperState.LEFT if done.last else KeeperState.IDLE
+        self._dones[member.number] = word
+        self._speakers |= dict.fromkeys(word["said"], member)
+        member.state = KeeperState.LEFT if word.get("last") else KeeperState.IDLE
+
+    def _ask(self, tick: int, keys: Sequence[str]) -> None:
+        """What a member has not heard is said again, to all."""
+        now, count = wall.wall_s(), len(self._members)
+        pause_s = min(_AGAIN_MOST_WALL_S, _AGAIN_WALL_S * max(1.0, count / _FEW) ** 2)
+        wanted: dict[KeptMember, list[str]] = {}
+        for key in keys:
+            wanted.setdefault(self._speakers[key], []).append(key)
+        for member, lacking in wanted.items():
+            if now >= member.again_wall_s:
+                member.again_wall_s = now + pause_s
+                self._send(member, packed(again=tick, keys=lacking))
 
     def _put(self, name: str, state: KeeperState) -> None:
         """A test holds the clock, so the member waits for its next tick."""
@@ -227,14 +244,11 @@ class Keeper:
         self._tell_wall_s = now + _TELL_WALL_S
         patience = self._rules.patience_wall_s
         for member in self._members:
-            joined = (
-                member.state is KeeperState.JOINING and member.number >= 0
-            )  # its welcome is sent
-            if joined or member.state is KeeperState.IDLE:
-                self._send(member, bytes([Word.WAIT]))
+            if member.state is KeeperState.IDLE:
+                self._send(member, packed())
             if member.state is not KeeperState.RUNNING or member.phase is TickPhase.AFTER:
                 continue
-            if now - member.since_wall_s > patience:
+            if self._tick > _ROLL_CALL_TICKS and now - member.since_wall_s > patience:
                 member.state = KeeperState.STALLED
                 self._note(
                     f"{member.name} has not done its tick for {patience:g} s of the wall clock:"
@@ -248,46 +262,49 @@ class Keeper:
 
     def _timeout_s(self) -> float:
         left = self._tell_wall_s - wall.wall_s()
-        if self._stage is _Stage.NEXT:
+        if self._stage is _Stage.NEXT and self._any_live():
             left = min(left, self._due_wall_s - wall.wall_s())
         return max(0.0, left)
 
-    def _advance(self) -> None:
-        """As far as members have come."""
-        while True:
-            match self._stage:
-                case _Stage.START:
-                    joining = any(m.state is KeeperState.JOINING for m in self._members)
-                    if self._missing or joining or not self._members:
-                        return
-                    self._stage = _Stage.NEXT
-                case _Stage.WORLD:
-                    if self._running(TickPhase.WORLD, TickPhase.SWARM):
-                        return
-                    self._grant(TickPhase.SWARM, self._tick - 1)
-                    self._stage = _Stage.SWARM
-                case _Stage.SWARM:
-                    running = self._running(TickPhase.SWARM)
-                    if any(m.port for m in running):
-                        return
-                    if running and any(
-                        m.live and m.phase is TickPhase.AFTER for m in self._members
-                    ):
-                        return
-                    self._grant(TickPhase.AFTER, self._tick)
-                    self._stage = _Stage.AFTER
-                case _Stage.AFTER:
-                    if self._running(TickPhase.AFTER):
-                        return
-                    self._stage = _Stage.NEXT
-                case _Stage.NEXT:
-                    if not self._next():
-                        return
+    def _any_live(self) -> bool:
+        return any(m.live for m in self._members)
+
+    def _waited_for(self) -> list[KeptMember]:
+        """The members that hold up the stage. The world does not wait for stations, unless a test
+        is to come between."""
+        running = [m for m in self._members if m.state is KeeperState.RUNNING]
+        match self._stage:
+            case _Stage.WORLD:
+                return running
+            case _Stage.SWARM:
+                agents = [m for m in running if m.port]
+                tested = any(m.live and m.phase is TickPhase.AFTER for m in self._members)
+                return running if tested and not agents else agents
+            case _Stage.AFTER:
+                return [m for m in running if m.phase is TickPhase.AFTER]
+        return []
+
+    def _advance(self) -> bool:
+        """To the next stage, if its members have come so far."""
+        if self._stage is _Stage.START:
+            if self._missing:
+                return False
+            self._stage = _Stage.WORLD  # of tick 0, which has none
+        if self._waited_for():
+            return False
+        match self._stage:
+            case _Stage.WORLD:
+                self._grant(TickPhase.SWARM, self._tick - 1)
+            case _Stage.SWARM:
+                self._grant(TickPhase.AFTER, self._tick)
+            case _Stage.NEXT:
+                return self._next()
+        self._stage = _Stage(self._stage + 1)
+        return True
 
     def _next(self) -> bool:
         """Begin the next tick, if it is time."""
-        if not any(m.live for m in self._members):
-            self._due_wall_s = math.inf
+        if not self._any_live():
             return False
         alone = not any(m.port or m.phase is TickPhase.WORLD for m in self._members)
         factor = _STATIONS_FACTOR if alone else self._rules.factor
@@ -299,42 +316,32 @@ class Keeper:
             if now < self._due_wall_s:
                 return False
             self._due_wall_s = max(self._due_wall_s, now - period) + period
-        self._dones = {i: d for i, d in self._dones.items() if d.number == self._tick}
         self._tick += 1
         self._stage = _Stage.WORLD
         self._grant(TickPhase.WORLD, self._tick - 1)
         return True
 
-    def _running(self, *phases: TickPhase) -> Iterable[KeptMember]:
-        return [m for m in self._members if m.state is KeeperState.RUNNING and m.phase in phases]
-
     def _grant(self, phase: TickPhase, heard: int) -> None:
         ready = [m for m in self._members if m.state is KeeperState.IDLE and m.phase is phase]
         if not ready:
             return
+        is_world = phase is TickPhase.WORLD
+        worlds = {m.number for m in self._members if m.phase is TickPhase.WORLD}
+        said: dict[str, int] = {}
+        sent: dict[str, int] = {}
+        for number, done in sorted(self._dones.items()):
+            if done["done"] == heard and not is_world:
+                said |= done["said"]
+            if done["done"] == self._tick - is_world and (number in worlds) is not is_world:
+                sent |= done["sent"]
         agents = sum(m.live and m.port > 0 for m in self._members)
-        dones = {i: done for i, done in self._dones.items() if done.number == heard}
-        published = [(i, *item) for i, done in dones.items() for item in done.published.items()]
-        counts = {port: n for done in self._datagrams(phase) for port, n in done.datagrams.items()}
-        packed = {
-            anew: pack_tick(TickWord(self._tick, heard, anew, agents, published, counts))
-            for anew in {m.anew for m in ready}
-        }
+        word = {"tick": self._tick, "heard": heard, "agents": agents, "said": said, "sent": sent}
+        packets = {anew: packed(anew=anew, **word) for anew in {m.anew for m in ready}}
         now = wall.wall_s()
         for member in ready:
             member.state, member.since_wall_s = KeeperState.RUNNING, now
-            self._send(member, packed[member.anew])
+            self._send(member, packets[member.anew])
             member.anew = False
-
-    def _datagrams(self, phase: TickPhase) -> Iterable[Done]:
-        """Of the vehicles' links, what the other side has sent in its newest turn."""
-        world = {m.number for m in self._members if m.phase is TickPhase.WORLD}
-        newest = self._tick - (phase is TickPhase.WORLD)
-        return [
-            done
-            for i, done in self._dones.items()
-            if done.number == newest and (i in world) is not (phase is TickPhase.WORLD)
-        ]
 
     @staticmethod
     def _send(member: KeptMember, data: bytes) -> None:

@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 import contextlib
-import select
-from collections.abc import Mapping
-from typing import Any, Final
+import socket
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, TypeAlias
 
 from swarm_ctl.engine import clock as wall
 from swarm_ctl.engine.clock import Clock
-from swarm_ctl.engine.lockstep.words import (
-    LONGEST,
-    Done,
-    TickPhase,
-    TickWord,
-    Word,
-    pack_done,
-    pack_json,
-    packets,
-    read_json,
-    read_tick,
-)
+from swarm_ctl.engine.lockstep.words import LONGEST, TickPhase, TickWord, packed, packets, read
 from swarm_ctl.errors import StartError
 
 _JOIN_WALL_S: Final = 10.0
 _SILENT_WALL_S: Final = 20.0
-"""The keeper speaks every second; after so long it is given up, by all members at once."""
+"""The keeper speaks every second to those that wait for it; after so long a wait it is given up, by
+all members at once."""
+_OWN_WALL_S: Final = 1.0
+"""What a process does between two waits; of a longer time, it was stopped itself."""
+_LEAST_WALL_S: Final = 1e-6
+"""A socket takes a wait of zero for a wait without end."""
+SayAgain: TypeAlias = Callable[[int, Sequence[str]], None]
+"""Say again what was said in a tick under these keys."""
 
 
 class KeeperGoneError(Exception):
@@ -59,93 +56,107 @@ class SteppedClock(Clock):
 class LockstepMember:
     """Joins the keeper at `address` as `name`; StartError where there is none.
 
-    `port`: the UDP port that an agent speaks to its vehicle from.
+    `port`: the UDP port that an agent speaks to its vehicle from. `say_again`: what it does when
+    another member has not heard all of it.
     """
 
-    def __init__(self, address: str, name: str, phase: TickPhase, port: int = 0) -> None:
+    def __init__(
+        self,
+        address: str,
+        name: str,
+        phase: TickPhase,
+        port: int = 0,
+        say_again: SayAgain = lambda _tick, _keys: None,
+    ) -> None:
         self._socket = packets()
-        self._wall_s = wall.wall_s()
+        self._say_again = say_again
+        self._waits_s = 0.0
+        self._silent_s, self._looked_wall_s = 0.0, wall.wall_s()
         try:
             self._socket.connect("\0" + address)
-            self._send(pack_json(Word.JOIN, name=name, phase=phase, port=port))
+            self._send(join=name, phase=phase, port=port)
             about = self._welcome()
         except (OSError, KeeperGoneError) as error:
             self._socket.close()
             raise StartError(f"the run's clock does not answer: {error}") from None
-        self.number: Final[int] = about["number"]
-        self.others: Final[dict[int, str]] = dict(about["others"])
-        """The other members' names, by their numbers."""
-        self.others.pop(self.number, None)
         self.tick_s: Final[float] = about["tick_s"]
-        self.late: Final[bool] = about["late"]
-        """It joins a flight that has begun."""
-        self.tick: int = about["tick"]
+        self.tick: int = about["now"]
 
     def _welcome(self) -> dict[str, Any]:
         until = wall.wall_s() + _JOIN_WALL_S
         while wall.wall_s() < until:
-            data = self._receive(1.0)
-            if data and data[0] == Word.WELCOME:
-                return read_json(data)
+            word = self._receive(1.0)
+            if "tick_s" in word:
+                return word
         raise KeeperGoneError("no welcome")
-
-    def ready(self) -> None:
-        """Every member that has to be heard is."""
-        self._send(bytes([Word.READY]))
 
     def wait(self, wall_seconds: float) -> TickWord | None:
         """The next tick to run; None: not yet. KeeperGoneError at its end, or when it is silent."""
-        data = self._receive(wall_seconds)
-        if data and data[0] == Word.TICK:
-            tick = read_tick(data)
-            self.tick = tick.number
-            return tick
+        word = self._receive(wall_seconds)
+        if "tick" in word:
+            self.tick = word["tick"]
+            return TickWord(**word)
+        if "again" in word:
+            self._say_again(word["again"], word["keys"])
         return None
 
-    def done(
-        self, published: Mapping[int, int], datagrams: Mapping[int, int], *, last: bool = False
-    ) -> None:
-        """The tick is done: so many messages by channel, so many datagrams by port."""
-        self._send(pack_done(Done(self.tick, last, published, datagrams)))
+    def done(self, said: Mapping[str, int], sent: Mapping[str, int], *, last: bool = False) -> None:
+        """The tick is done: so many messages by key, so many datagrams by port."""
+        self._send(done=self.tick, said=said, sent=sent, last=last)
+
+    def ask(self, tick: int, keys: Sequence[str]) -> None:
+        """Have said again what was said in a tick under these keys."""
+        self._send(ask=tick, keys=keys)
 
     def note(self, text: str) -> None:
         """A line for the operator."""
         with contextlib.suppress(KeeperGoneError):
-            self._send(bytes([Word.NOTE]) + text.encode())
+            self._send(note=text)
 
     def drop(self, name: str) -> None:
         """Do not wait for this member. Of a test, in its turn."""
-        self._send(bytes([Word.DROP]) + name.encode())
+        self._send(drop=name)
 
     def take(self, name: str) -> None:
         """Wait for this member again. Of a test, in its turn."""
-        self._send(bytes([Word.TAKE]) + name.encode())
+        self._send(take=name)
 
     def close(self) -> None:
         """Leave."""
         self._socket.close()
 
-    def fileno(self) -> int:
-        """To wait for."""
-        return self._socket.fileno()
-
-    def _receive(self, wall_seconds: float) -> bytes:
-        """The next packet; b"" when none comes in time."""
-        if not select.select([self._socket], [], [], wall_seconds)[0]:
-            if wall.wall_s() - self._wall_s >= _SILENT_WALL_S:
-                raise KeeperGoneError("it is silent")
-            return b""
+    def _receive(self, wall_seconds: float) -> dict[str, Any]:
+        """The next word; empty when none comes in time."""
         try:
-            data = self._socket.recv(LONGEST)
+            data = self._socket.recv(LONGEST, self._waits(wall_seconds))
+        except BlockingIOError:
+            now, most_s = wall.wall_s(), wall_seconds + _OWN_WALL_S
+            if wall_seconds > 0.0:  # else it does not wait for the keeper, but for others
+                self._silent_s += min(now - self._looked_wall_s, most_s)
+            self._looked_wall_s = now
+            if self._silent_s >= _SILENT_WALL_S:
+                raise KeeperGoneError("it is silent") from None
+            return {}
         except OSError:
             data = b""
         if not data:
             raise KeeperGoneError("it has ended")
-        self._wall_s = wall.wall_s()
-        return data
+        self._silent_s, self._looked_wall_s = 0.0, wall.wall_s()
+        return read(data)
 
-    def _send(self, data: bytes) -> None:
+    def _waits(self, wall_seconds: float) -> int:
+        """The kernel bounds the wait: one call for each packet."""
+        if wall_seconds <= 0.0:
+            return socket.MSG_DONTWAIT
+        if wall_seconds != self._waits_s:
+            self._waits_s = wall_seconds
+            us = round(max(wall_seconds, _LEAST_WALL_S) * 1e6)
+            pair = struct.pack("@ll", us // 1_000_000, us % 1_000_000)
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, pair)
+        return 0
+
+    def _send(self, **word: Any) -> None:
         try:
-            self._socket.send(data)
+            self._socket.send(packed(**word))
         except OSError as error:
             raise KeeperGoneError(str(error)) from None

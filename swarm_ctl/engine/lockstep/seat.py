@@ -6,8 +6,8 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Final
+from collections.abc import Callable, Sequence
+from typing import Final
 
 from swarm_ctl.engine import clock as wall
 from swarm_ctl.engine.clock import Clock
@@ -16,31 +16,26 @@ from swarm_ctl.engine.lockstep.words import TickPhase, TickWord
 from swarm_ctl.engine.ticker import Ticker
 from swarm_ctl.mavlink.stepped_wire import SteppedWire
 from swarm_ctl.mavlink.wires import NameUnknownYetError, Wire, open_wire
-from swarm_ctl.mesh.keys import CHANNELS, STATE, Channel
+from swarm_ctl.mesh.keys import CHANNELS
 from swarm_ctl.mesh.stepped_transport import MarkedTransport, SteppedTransport
 from swarm_ctl.mesh.transport import Transport
 
 _LATE_WALL_S, _LATE_MOST_WALL_S = 2.0, 4.0
 """For a message or a datagram that another process says it has sent: of few members, and of a
-crowd. A tick has two such waits, and the keeper takes one that waits for 10 s for stopped."""
-_JOIN_WALL_S: Final = 10.0
-"""For a process that joins a flight, to hear those that fly."""
-_HELLO_WALL_S: Final = 0.05
-_HELLO_MOST_WALL_S: Final = 2.0
-"""From a member's hello to its next: of few members, and of a hundred; of more, in proportion."""
-_AGAIN_WALL_S: Final = 0.25
-"""A member that waits so long for a tick says hello again: another one may wait to know that it
-hears what it has subscribed to."""
+crowd. The keeper takes one that waits for 10 s for stopped."""
+_ROLL_CALL_WALL_S: Final = 120.0
+"""The same before the first tick: the mesh's links have to open."""
+_ASK_WALL_S, _ASK_MOST_WALL_S = 0.05, 2.0
+"""What has not come after so long is asked for; then it is twice as long to the next time."""
+_ASKED: Final = 500
+"""Keys in one question, which has to fit into a packet."""
 _NAMED_WALL_S, _NAME_AGAIN_WALL_S = 10.0, 0.2
 """For so long, and so often, a resolver is asked for the vehicle's host: six containers start
 within 10 s, and each start makes the engine's resolver begin anew."""
 _LOOK_WALL_S: Final = 0.0002
-_FEW: Final = 8
-"""Members that wait for the messages of more look less often: a hundred of them look at a hundred
-others, and what they use up is what the last ones need to speak."""
 _CROWD: Final = 16
-"""Of more members each looks less often, whatever it waits for: 250 that look every 0.2 ms leave
-the router no processor to bring what they look for."""
+"""Where more agents fly, each looks less often for what it waits for: 250 that look every 0.2 ms
+leave the router no processor to bring it."""
 _HEARD_TICKS: Final = 2
 """From a tick to the grant that tells that all others have heard it."""
 _WAIT_WALL_S: Final = 1.0
@@ -118,14 +113,13 @@ class BarrierSeat(Seat):
         self._wire: SteppedWire | None = None
         self._mesh: SteppedTransport | None = None
         self.member: LockstepMember | None = None
-        self._hello: Callable[[], None] = lambda: None
-        self._hello_wall_s = 0.0
-        self._assembled = False
+        self._speaks: tuple[str, int | str] = ("", "")
+        """The swarm and the own name on the mesh."""
+        self._publisher = ""
+        self._granted: TickWord | None = None
+        """The tick that is to be run as soon as all that belongs to it has come."""
+        self._granted_wall_s = self._ask_wall_s = self._pause_wall_s = 0.0
         self._in_turn = False
-        self._speaks: tuple[str, int | str] | None = None
-        """The swarm and the own name, of an agent."""
-        self._published: Sequence[tuple[int, int, int]] = ()
-        """Of the tick before."""
         self.agents = 0
         """So many take part, as of the last tick."""
 
@@ -139,53 +133,15 @@ class BarrierSeat(Seat):
 
     def join(self, name: str, swarm: str, node: int | str) -> None:
         port = self._wire.port if self._wire else 0
-        self.member = member = LockstepMember(self._address, name, self._phase, port)
-        channels = [c for c in CHANNELS if c.publisher == _publisher(name)]
-        self._hello = lambda: self._say_hello(swarm, node, channels)
-        self._speaks = (swarm, node) if _publisher(name) == STATE.publisher else None
-        self._joined_wall_s = wall.wall_s()
-        if self._mesh is not None:
-            self._mesh.know(
-                {
-                    number: ("agent", other.removeprefix("agent-"))
-                    for number, other in member.others.items()
-                    if _publisher(other) == "agent"
-                }
-            )
+        self._speaks, self._publisher = (swarm, node), _publisher(name)
+        self.member = member = LockstepMember(
+            self._address, name, self._phase, port, self._say_again
+        )
         self._stepped.set(member.tick * member.tick_s)
 
-    def _say_hello(self, swarm: str, node: int | str, channels: Iterable[Channel[Any]]) -> None:
-        mesh, member = self._mesh, self.member
-        if member is None or wall.wall_s() < self._hello_wall_s:
-            return
-        count = len(member.others)
-        pause_s = _HELLO_WALL_S * max(1.0, count / _FEW) ** 2  # every hello goes to all
-        most_s = _HELLO_MOST_WALL_S * max(1.0, count / 100)
-        self._hello_wall_s = wall.wall_s() + min(pause_s, most_s)
-        if mesh is not None:
-            mesh.begin(member.number, 0)
-            mesh.hello(swarm, node, channels)
-        if not self._assembled and (mesh is None or self._hears_all(mesh, member)):
-            self._assembled = True
-            member.ready()
-
-    def _hello_again(self, member: LockstepMember) -> None:
-        """On the channel that others may follow."""
-        if self._mesh is not None and self._speaks is not None:
-            self._mesh.begin(member.number, 0)
-            self._mesh.hello(*self._speaks, [STATE])
-            self._mesh.begin(member.number, member.tick + 1)
-
-    def _hears_all(self, mesh: SteppedTransport, member: LockstepMember) -> bool:
-        """Whether every other member's hello has come, on each channel; those that fly already say
-        none, so any message of theirs counts."""
-        members: dict[str, list[int]] = {"agent": [], "station": []}
-        for number, name in member.others.items():
-            members.setdefault(_publisher(name), []).append(number)
-        if member.late:
-            late = wall.wall_s() > self._joined_wall_s + _JOIN_WALL_S
-            return late or not mesh.unheard(members, any_channel=True)
-        return not mesh.unheard(members)
+    def _say_again(self, tick: int, keys: Sequence[str]) -> None:
+        if self._mesh is not None:
+            self._mesh.say_again(tick, keys)
 
     def ticker(self, period_s: float, waiting: Callable[[], None]) -> Ticker:
         return BarrierTicker(self, period_s, waiting)
@@ -198,79 +154,86 @@ class BarrierSeat(Seat):
                 self._mesh.give(None, self.clock.now())
             return True
         try:
-            tick = self._next(member, wall_seconds)
-            if tick is not None:
-                self._take(member, tick)
+            return self._turn_comes(member, wall_seconds)
         except KeeperGoneError as error:
             self._let_run(str(error))
             return True
-        return tick is not None
 
-    def _next(self, member: LockstepMember, wall_seconds: float) -> TickWord | None:
-        if self._assembled and member.tick:
-            tick = member.wait(min(wall_seconds, _AGAIN_WALL_S))
-            if tick is None:
-                self._hello_again(member)
-            return tick
-        self._hello()
-        return member.wait(min(wall_seconds, _HELLO_WALL_S))
-
-    def _take(self, member: LockstepMember, tick: TickWord) -> None:
-        self._stepped.set(tick.number * member.tick_s)
-        self.agents, self._published = tick.agents, tick.published
-        mesh, wire, now = self._mesh, self._wire, self.clock.now()
-        if tick.anew and wire is not None:
-            wire.restart(now)
-        elif wire is not None:
-            wire.expect(tick.datagrams.get(wire.port, 0))
-        if not tick.anew:
-            self._gather(member, tick)
-        if mesh is not None:
-            mesh.give(tick.heard, tick.heard * member.tick_s)
-            mesh.begin(member.number, tick.number)
-        self._in_turn = True
-
-    def _gather(self, member: LockstepMember, tick: TickWord) -> None:
-        """Wait for what belongs to the tick; what is later is noted, and comes when it comes."""
-        until, mesh, wire = wall.wall_s() + _late_wall_s(member), self._mesh, self._wire
-        while True:
-            lacking = mesh.lacking(tick.heard, tick.published, member.number) if mesh else []
-            lacks = wire is not None and wire.lacks(self.clock.now())
-            if not lacking and not lacks:
-                return
+    def _turn_comes(self, member: LockstepMember, wall_seconds: float) -> bool:
+        """Wait, at most so long, for a tick and all that belongs to it."""
+        tick, until = self._granted or member.wait(wall_seconds), wall.wall_s() + wall_seconds
+        if tick is None:
+            return False
+        if self._granted is None:
+            self._receive(tick)
+        while not self._complete(member, tick):
             if wall.wall_s() > until:
-                break
-            _pause(member, len(lacking))
+                return False
+            wall.pause(_LOOK_WALL_S * max(1.0, tick.agents / _CROWD) ** 2)
+            member.wait(0.0)  # another one may ask this one, too
+        self._granted = None
+        return self._enter(member, tick)
+
+    def _receive(self, tick: TickWord) -> None:
+        """A tick is granted; what belongs to it may be under way."""
+        self._granted, self._granted_wall_s = tick, wall.wall_s()
+        self._pause_wall_s = _ASK_WALL_S
+        self._ask_wall_s = self._granted_wall_s + _ASK_WALL_S
+        if (wire := self._wire) is not None:
+            if tick.anew:
+                wire.restart(self.clock.now())
+            else:
+                wire.expect(tick.sent.get(str(wire.port), 0))
+
+    def _complete(self, member: LockstepMember, tick: TickWord) -> bool:
+        """Whether all has come that belongs to the tick. What has not is asked for now and then;
+        what is later than all patience is noted, and comes when it comes."""
+        mesh, wire = self._mesh, self._wire
+        lacking = mesh.lacking(tick.heard, tick.said) if mesh else {}
+        lacks = wire is not None and wire.lacks(self.clock.now())
+        if not lacking and not lacks:
+            return True
+        now, patience_s = wall.wall_s(), _patience_wall_s(tick)
+        if now <= self._granted_wall_s + patience_s:
+            if lacking and now > self._ask_wall_s:
+                member.ask(tick.heard, list(lacking)[:_ASKED])
+                self._pause_wall_s = min(2.0 * self._pause_wall_s, _ASK_MOST_WALL_S)
+                self._ask_wall_s = now + self._pause_wall_s
+            return False
         if mesh is not None and lacking:
             mesh.give_up(lacking)
-            names = sorted({f"{m} {CHANNELS[c].name}" for m, c in lacking})
-            member.note(f"tick {tick.number}: late on the mesh, from member {', '.join(names)}")
         if wire is not None and lacks:
             wire.give_up()
-            member.note(f"tick {tick.number}: a datagram of the simulator is lost or late")
+        if not tick.anew:
+            late = ", ".join(sorted(lacking)) or "a datagram of the simulator"
+            member.note(f"tick {tick.tick}: not come after {patience_s:g} s: {late}")
+        return True
+
+    def _enter(self, member: LockstepMember, tick: TickWord) -> bool:
+        """Hear what belongs to the tick; whether the turn is the caller's: the roll call is not."""
+        mesh = self._mesh
+        self.agents, self._in_turn = tick.agents, True
+        self._stepped.set(tick.tick * member.tick_s)
+        if mesh is not None:
+            mesh.give(tick.heard, tick.heard * member.tick_s, tick.said)
+            mesh.begin(tick.tick)
+        if tick.tick > 0:
+            return True
+        if mesh is not None:
+            mesh.answer(*self._speaks, [c for c in CHANNELS if c.publisher == self._publisher])
+        self.end()
+        return False
 
     def end(self, *, last: bool = False) -> None:
         member, wire, mesh = self.member, self._wire, self._mesh
         if member is None or not self._in_turn:
             return
         self._in_turn = False
-        if mesh is not None:
-            self._prove(member, mesh)
-        published = mesh.published() if mesh else {}
-        datagrams = {wire.port: wire.written()} if wire else {}
+        said = mesh.end() if mesh else {}
         try:
-            member.done(published, datagrams, last=last)
+            member.done(said, {str(wire.port): wire.written()} if wire else {}, last=last)
         except KeeperGoneError as error:
             self._let_run(str(error))
-        if mesh is not None:  # what is said between two ticks belongs to the next one
-            mesh.begin(member.number, member.tick + 1)
-
-    def _prove(self, member: LockstepMember, mesh: SteppedTransport) -> None:
-        """Before all go on, be sure that what was subscribed to comes: its way through the mesh
-        takes a time that no tick knows."""
-        until = wall.wall_s() + _late_wall_s(member)
-        while mesh.unproven(self._published) and wall.wall_s() < until:
-            _pause(member)
 
     def _let_run(self, why: str) -> None:
         if self.member is not None:
@@ -280,6 +243,7 @@ class BarrierSeat(Seat):
         if self._wire is not None:
             self._wire.let_run()
         if self._mesh is not None:
+            self._mesh.let_run()
             self._mesh.give(None, self.clock.now())
         sys.stderr.write(
             f"the run's clock at {self.clock.now():.2f} s: {why}; on by the wall clock\n"
@@ -310,18 +274,13 @@ class BarrierSeat(Seat):
             self.member.close()
 
 
-def _crowd(member: LockstepMember) -> float:
-    """By how many times the members are more than `_CROWD`; 1: they are not."""
-    return max(1.0, len(member.others) / _CROWD)
-
-
-def _late_wall_s(member: LockstepMember) -> float:
-    return min(_LATE_MOST_WALL_S, _LATE_WALL_S * _crowd(member))
-
-
-def _pause(member: LockstepMember, lacking: int = 0) -> None:
-    """Until the next look at what has come."""
-    wall.pause(_LOOK_WALL_S * max(lacking / _FEW, _crowd(member) ** 2))
+def _patience_wall_s(tick: TickWord) -> float:
+    """For what belongs to a tick. One that was not waited for before waits for nothing."""
+    if tick.anew and tick.tick:
+        return 0.0
+    if tick.heard <= 0:
+        return _ROLL_CALL_WALL_S
+    return min(_LATE_MOST_WALL_S, _LATE_WALL_S * max(1.0, tick.agents / _CROWD))
 
 
 def die(seat: Seat) -> None:

@@ -1,17 +1,19 @@
-"""The mesh in lockstep, between two members whose messages are carried by hand."""
+"""The mesh in lockstep, between members whose messages are carried by hand."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
 
+import pytest
+
 from swarm_ctl.core.kernel.boundary import FOLLOW_TICKS
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.keys import Qos
-from swarm_ctl.mesh.stepped_transport import INDEX, Marked, MarkedSource, SteppedTransport
+from swarm_ctl.mesh.stepped_transport import Marked, MarkedSource, SteppedTransport
 from swarm_ctl.mesh.transport import QUEUE
 
-STATE = INDEX["state"]
+STATES = [keys.STATE.key("test", agent) for agent in range(4)]
 
 
 class Wire:
@@ -39,153 +41,201 @@ class Wire:
         return
 
 
-def published(member: int, tick: int, *texts: bytes) -> list[Marked]:
+def said(agent: int, tick: int, *texts: bytes) -> list[Marked]:
     wire = Wire()
     transport = SteppedTransport(wire)
-    transport.begin(member, tick)
+    transport.begin(tick)
     for text in texts:
-        transport.publish(keys.STATE.key("test", member), text, keys.STATE.qos)
-    assert transport.published() == {STATE: len(texts)}
+        transport.publish(STATES[agent], text, keys.STATE.qos)
+    assert transport.end() == {STATES[agent]: len(texts)}
     return list(wire.sent)
 
 
-def listener() -> tuple[Wire, SteppedTransport, Callable[[], list[bytes]]]:
+class Listener:
+    """Subscribed to the states of all; `tick` is what it hears first."""
+
+    def __init__(self, tick: int = 5) -> None:
+        self.wire = Wire()
+        self.transport = SteppedTransport(self.wire)
+        inlet = self.transport.subscribe(keys.STATE.key_expression("test"))
+        self.drain: Callable[[], list[bytes]] = lambda: [
+            bytes(data) for _, _, data in inlet.drain()
+        ]
+        self.transport.give(tick - 1, 0.0)
+
+    def lacks(self, heard: int, **counts: int) -> list[str]:
+        """Whom it lacks of those that have said so many states (`_1=2`)."""
+        counted = {STATES[int(name[1:])]: count for name, count in counts.items()}
+        return [key.split("/")[3] for key in self.transport.lacking(heard, counted)]
+
+    def give(self, heard: int, *order: int) -> list[bytes]:
+        self.transport.give(heard, 0.05 * heard, [STATES[agent] for agent in order])
+        return self.drain()
+
+
+def test_a_tick_hears_the_tick_before_in_a_fixed_order() -> None:
+    """However they come, messages stand in the order that the keeper gives, and those of a later
+    tick wait for theirs."""
+    hears = Listener()
+    hears.wire.come.extend(said(2, 5, b"c", b"d"))
+    hears.wire.come.extend(said(1, 6, b"later"))
+    hears.wire.come.extend(reversed(said(1, 5, b"a", b"b")))
+    assert hears.lacks(5, _1=2, _2=2) == []
+    assert hears.give(5, 1, 2) == [b"a", b"b", b"c", b"d"]
+    assert hears.lacks(6, _1=1) == []
+    assert hears.give(6, 1) == [b"later"]
+
+
+def test_what_is_said_again_is_heard_once() -> None:
+    """By a member that lacks it, and by no other, before and after it has heard that tick."""
     wire = Wire()
-    transport = SteppedTransport(wire)
-    inlet = transport.subscribe(keys.STATE.key_expression("test"))
-    return wire, transport, lambda: [bytes(data) for _, _, data in inlet.drain()]
-
-
-def test_a_tick_gets_the_tick_before_in_a_fixed_order() -> None:
-    """However they come, messages stand by member, and those of a later tick wait for theirs."""
-    wire, transport, drain = listener()
-    wire.come.extend(published(2, 5, b"c", b"d"))
-    wire.come.extend(published(1, 6, b"later"))
-    wire.come.extend(published(1, 5, b"a", b"b"))
-    assert transport.lacking(5, [(1, STATE, 2), (2, STATE, 2)], own=3) == []
-    transport.give(5, 0.25)
-    assert drain() == [b"a", b"b", b"c", b"d"]
-    transport.give(6, 0.3)
-    assert drain() == [b"later"]
+    speaks = SteppedTransport(wire)
+    speaks.begin(5)
+    for text in (b"a", b"b"):
+        speaks.publish(STATES[1], text, keys.STATE.qos)
+    speaks.publish(keys.EVENT.key("test", 1), b"event", keys.EVENT.qos)
+    speaks.end()
+    speaks.publish(STATES[1], b"next", keys.STATE.qos)
+    speaks.end()  # it has done its tick 6 when another one asks for tick 5
+    first = list(wire.sent)
+    wire.sent.clear()
+    speaks.say_again(5, [STATES[1]])
+    assert list(wire.sent) == first[:2]
+    hears = Listener()
+    hears.wire.come.append(first[1])
+    assert hears.lacks(5, _1=2) == ["1"]
+    hears.wire.come.extend(wire.sent)
+    assert hears.lacks(5, _1=2) == []
+    assert hears.give(5, 1) == [b"a", b"b"]
+    hears.wire.come.extend([*wire.sent, first[3]])
+    assert hears.lacks(6, _1=1) == []
+    assert hears.give(6, 1) == [b"next"]
 
 
 def test_what_has_not_come_is_lacking_until_it_is_given_up() -> None:
-    """A member whose message was missed is waited for again once one comes in time; the late one
-    is not lost."""
-    wire, transport, drain = listener()
-    late = published(1, 5, b"late")
-    assert transport.lacking(5, [(1, STATE, 1)], own=3) == [(1, STATE)]
-    transport.give_up([(1, STATE)])
-    assert transport.lacking(6, [(1, STATE, 1)], own=3) == []
-    wire.come.extend(late + published(1, 7, b"now"))
-    assert transport.lacking(7, [(1, STATE, 1)], own=3) == []
-    transport.give(7, 0.35)
-    assert drain() == [b"late", b"now"]
-    assert transport.lacking(8, [(1, STATE, 1)], own=3) == [(1, STATE)]
+    """Who was missed is waited for again once a message comes in time; the late one is not lost."""
+    hears = Listener()
+    late = said(1, 5, b"late")
+    assert hears.lacks(5, _1=1) == ["1"]
+    hears.transport.give_up([STATES[1]])
+    assert hears.give(5, 1) == []
+    assert hears.lacks(6, _1=1) == []
+    assert hears.give(6, 1) == []
+    hears.wire.come.extend(late + said(1, 7, b"now"))
+    assert hears.lacks(7, _1=1) == []
+    assert hears.give(7, 1) == [b"late", b"now"]
+    assert hears.lacks(8, _1=1) == ["1"]
 
 
 def test_the_own_messages_and_other_channels_are_not_waited_for() -> None:
     """A member waits for what it subscribes to."""
-    _, transport, _ = listener()
-    assert transport.lacking(5, [(3, STATE, 1), (1, INDEX["event"], 2)], own=3) == []
+    hears = Listener()
+    hears.transport.publish(STATES[3], b"own", keys.STATE.qos)
+    event = keys.EVENT.key("test", 1)
+    assert hears.transport.lacking(5, {STATES[3]: 1, event: 2}) == {}
 
 
-def test_a_hello_is_heard_and_is_no_message() -> None:
-    """It proves the way of one channel."""
-    wire, transport, drain = listener()
-    assert transport.unheard({"agent": [1], "station": [9]}) == {1}
-    speaker = Wire()
-    greeting = SteppedTransport(speaker)
-    greeting.begin(1, 0)
-    greeting.hello("test", 1, [keys.STATE])
-    wire.come.extend(speaker.sent)
-    assert transport.unheard({"agent": [1], "station": [9]}) == set()
-    transport.give(None, 0.0)
-    assert drain() == []
+def test_the_roll_call_is_heard_and_is_no_message() -> None:
+    """It proves the way of each channel."""
+    hears = Listener(tick=0)
+    assert hears.lacks(0, _1=1) == ["1"]
+    wire = Wire()
+    SteppedTransport(wire).answer("test", 1, [keys.STATE])
+    hears.wire.come.extend(wire.sent)
+    assert hears.lacks(0, _1=1) == []
+    assert hears.give(0, 1) == []
+    hears.wire.come.extend(wire.sent)
+    assert hears.lacks(1) == []
+    assert hears.give(1) == []
 
 
 def test_an_outsider_is_heard_when_it_comes() -> None:
     """A message without a mark, of a process that is no member."""
-    wire, transport, drain = listener()
-    wire.come.append((keys.STATE.key("test", 9), b"from outside", b""))
-    transport.lacking(5, [], own=3)
-    transport.give(5, 0.25)
-    assert drain() == [b"from outside"]
+    hears = Listener()
+    hears.wire.come.append((keys.STATE.key("test", 9), b"from outside", b""))
+    assert hears.lacks(5) == []
+    assert hears.give(5) == [b"from outside"]
 
 
 def test_an_outsider_can_not_speak_as_a_member() -> None:
-    """A number belongs to the owner of the key that it was first heard under: under another key the
-    mark counts for nothing, so the member is still waited for."""
-    wire, transport, drain = listener()
-    transport.know({1: ("agent", "1")})
-    ((_, data, mark),) = published(1, 5, b"forged")
-    wire.come.append((keys.STATE.key("test", 9), data, mark))
-    assert transport.lacking(5, [(1, STATE, 1)], own=3) == [(1, STATE)]
-    wire.come.extend(published(1, 5, b"true"))
-    assert transport.lacking(5, [(1, STATE, 1)], own=3) == []
-    wire.come.extend(published(2, 6, b"first heard"))
-    ((_, data, mark),) = published(2, 6, b"forged, too")
-    wire.come.append((keys.STATE.key("test", 9), data, mark))
-    transport.lacking(5, [], own=3)
-    transport.give(5, 0.25)
-    assert drain() == [b"forged", b"forged, too", b"true"]
+    """Under another key a mark counts for nothing: the member is still waited for."""
+    hears = Listener()
+    ((_, data, mark),) = said(1, 5, b"forged")
+    hears.wire.come.append((keys.STATE.key("test", 9), data, mark))
+    assert hears.lacks(5, _1=1) == ["1"]
+    hears.wire.come.extend(said(1, 5, b"true"))
+    assert hears.lacks(5, _1=1) == []
+    assert hears.give(5, 1) == [b"forged", b"true"]
 
 
 def test_marks_of_the_future_fill_no_memory() -> None:
-    """Messages that say they belong to later ticks wait, but never more than a queue of them, and
-    the loudest key loses its own."""
-    wire, transport, drain = listener()
-    wire.come.extend(published(1, 6, b"honest"))
+    """Messages that say they belong to the next tick wait, but never more than a queue of them, and
+    the loudest key loses its own; those of a tick that no member can have come to are heard when
+    they come."""
+    hears = Listener()
+    hears.wire.come.extend(said(1, 6, b"honest"))
     for _ in range(3):
-        wire.come.extend(published(2, 7, *[b"flood"] * QUEUE))
-        transport.lacking(5, [], own=3)
-    transport.give(6, 0.3)
-    assert drain() == [b"honest"]
-    transport.give(7, 0.35)
-    assert len(drain()) < QUEUE
-    wire.come.extend(published(2, 2**32 - 1, b"never"))
-    transport.lacking(8, [], own=3)
-    transport.give(8, 0.4)
-    assert drain()[0] == b"never"
+        hears.wire.come.extend(said(2, 6, *[b"flood"] * QUEUE))
+        hears.lacks(5)
+    hears.give(5)
+    assert hears.lacks(6, _1=1) == []
+    heard = hears.give(6, 1)
+    assert b"honest" in heard
+    assert len(heard) <= QUEUE
+    hears.wire.come.extend(said(2, 2**32 - 1, b"never"))
+    hears.lacks(7)
+    assert hears.give(7) == [b"never"]
 
 
 def test_a_subscription_in_flight_counts_from_a_fixed_tick_on() -> None:
     """However early its first message comes, the tick from which on it is heard, and waited for, is
-    the same; before that tick the member asks for a proof that it works, of those that speak."""
+    the same. If it works too late for that, what it lacks is asked for."""
     wire = Wire()
     transport = SteppedTransport(wire)
-    transport.know({1: ("agent", "1"), 2: ("agent", "2")})
-    transport.begin(3, 10)
-    inlet = transport.subscribe(keys.STATE.key("test", 1))
+    transport.begin(10)
+    inlet = transport.subscribe(STATES[1])
     first = 10 + FOLLOW_TICKS
-    wire.come.extend(published(1, first - 1, b"early"))
-    assert transport.lacking(first - 1, [(1, STATE, 1), (2, STATE, 1)], own=3) == []
+    transport.give(first - 2, 0.5)
+    wire.come.extend(said(1, first - 1, b"early"))
+    both = {STATES[1]: 1, STATES[2]: 1}
+    assert transport.lacking(first - 1, both) == {}
     transport.give(first - 1, 0.5)
     assert inlet.drain() == []
-    assert transport.lacking(first, [(1, STATE, 1), (2, STATE, 1)], own=3) == [(1, STATE)]
-    wire.come.extend(published(1, first, b"counts"))
-    assert transport.lacking(first, [(1, STATE, 1)], own=3) == []
-    transport.give(first, 0.6)
+    assert transport.lacking(first, both) == {STATES[1]: 1}
+    wire.come.extend(said(1, first, b"counts"))
+    assert transport.lacking(first, both) == {}
+    transport.give(first, 0.6, both)
     assert [bytes(data) for _, _, data in inlet.drain()] == [b"counts"]
     inlet.end()
     assert wire.subscribed == []
-    assert transport.lacking(first + 1, [(1, STATE, 1)], own=3) == []
+    assert transport.lacking(first + 1, both) == {}
 
 
-def test_a_subscription_is_proven_before_it_counts() -> None:
-    """By any message of its publisher, a hello too; one that does not speak is not waited for."""
+def test_what_is_said_between_two_ticks_belongs_to_the_next_one() -> None:
+    """Also to one that was not waited for, and comes back many ticks later."""
     wire = Wire()
-    transport = SteppedTransport(wire)
-    transport.know({1: ("agent", "1"), 2: ("agent", "2")})
-    transport.begin(3, 10)
-    transport.subscribe(keys.STATE.key("test", 1))
-    assert not transport.unproven([(1, STATE, 1)])
-    transport.begin(3, 10 + FOLLOW_TICKS - 1)
-    assert transport.unproven([(1, STATE, 1)])
-    assert not transport.unproven([(2, STATE, 1), (1, INDEX["far"], 1)])
-    speaker = Wire()
-    greeting = SteppedTransport(speaker)
-    greeting.begin(1, 0)
-    greeting.hello("test", 1, [keys.STATE])
-    wire.come.extend(speaker.sent)
-    assert not transport.unproven([(1, STATE, 1)])
+    speaks = SteppedTransport(wire)
+    speaks.begin(5)
+    speaks.end()
+    speaks.publish(STATES[1], b"between", keys.STATE.qos)
+    speaks.begin(40)
+    assert speaks.end() == {STATES[1]: 1}
+    hears = Listener(tick=40)
+    hears.wire.come.append(wire.sent[-1])
+    assert hears.lacks(40, _1=1) == []
+
+
+@pytest.mark.parametrize("ticks", [0, 70_000])
+def test_without_a_keeper_all_is_heard_when_it_comes(ticks: int) -> None:
+    """The marks end with the clock that they belong to, however long the flight goes on."""
+    wire = Wire()
+    speaks = SteppedTransport(wire)
+    speaks.begin(5)
+    speaks.let_run()
+    for _ in range(ticks):
+        speaks.publish(STATES[1], b"on", keys.STATE.qos)
+    speaks.publish(STATES[1], b"last", keys.STATE.qos)
+    hears = Listener()
+    hears.wire.come.append(wire.sent[-1])
+    hears.transport.give(None, 1.0)
+    assert hears.drain() == [b"last"]

@@ -12,7 +12,7 @@ import pytest
 
 from swarm_ctl.engine.lockstep.keeper import Keeper, Rules
 from swarm_ctl.engine.lockstep.member import KeeperGoneError, LockstepMember
-from swarm_ctl.engine.lockstep.words import TickPhase, TickWord, Word, pack_json, packets
+from swarm_ctl.engine.lockstep.words import TickPhase, TickWord, packed, packets, read
 from swarm_ctl.errors import StartError
 
 pytestmark = pytest.mark.timeout(20)
@@ -53,9 +53,14 @@ class Barrier:
             while thread.is_alive():
                 self.keeper.turn()
         thread.join()
-        made[0].ready()
         self.members[name] = made[0]
         return made[0]
+
+    def answer(self, *names: str) -> None:
+        """To the roll call."""
+        for name in names:
+            assert self.tick(name).tick == 0
+            self.done(name)
 
     def tick(self, name: str, wall_seconds: float = 5.0) -> TickWord:
         until = time.monotonic() + wall_seconds
@@ -66,9 +71,9 @@ class Barrier:
         raise AssertionError(f"{name} gets no tick")
 
     def done(self, name: str, count: int = 0) -> None:
-        """It has published so many states, and sent so many datagrams."""
-        port = {PORTS[name]: count} if name in PORTS else {}
-        self.members[name].done({0: count} if count else {}, port)
+        """It has said so many states, and sent so many datagrams."""
+        port = {str(PORTS[name]): count} if name in PORTS else {}
+        self.members[name].done({f"{name}/state": count} if count else {}, port)
 
     def close(self) -> None:
         self.keeper.over = True
@@ -78,9 +83,17 @@ class Barrier:
         self.keeper.close()
 
 
+def wait_long(member: LockstepMember) -> None:
+    for _ in range(100):
+        member.wait(0.05)
+
+
 @contextmanager
 def barrier(*names: str, factor: float | None = None, patience: float = 10.0) -> Iterator[Barrier]:
+    """After its roll call."""
     with closing(Barrier(Rules(0.05, names, factor, patience))) as made:
+        made.answer(*(name for name in names if name not in (WORLD, "test")))
+        made.answer(*(name for name in names if name == "test"))
         yield made
 
 
@@ -89,30 +102,30 @@ def test_the_world_goes_first_and_no_member_ahead() -> None:
     k."""
     with barrier(WORLD, FIRST, SECOND) as b:
         for k in (1, 2, 3):
-            assert b.tick(WORLD).number == k
+            assert b.tick(WORLD).tick == k
             assert b.members[FIRST].wait(0.05) is None
             b.done(WORLD)
-            assert b.tick(FIRST).number == b.tick(SECOND).number == k
+            assert b.tick(FIRST).tick == b.tick(SECOND).tick == k
             b.done(FIRST)
             assert b.members[WORLD].wait(0.05) is None
             b.done(SECOND)
 
 
 def test_a_tick_says_what_belongs_to_it() -> None:
-    """An agent is told what the agents published in the tick before, the simulator how many
-    datagrams each has sent."""
+    """An agent is told what the agents said in the tick before, in the order of the run's members
+    whoever was first, the simulator how many datagrams each has sent."""
     with barrier(WORLD, FIRST, SECOND) as b:
         b.tick(WORLD)
-        b.members[WORLD].done({}, {1001: 4, 9999: 1})
-        assert b.tick(FIRST).datagrams[1001] == 4
+        b.members[WORLD].done({}, {"1001": 4, "9999": 1})
+        assert b.tick(FIRST).sent["1001"] == 4
         b.tick(SECOND)
-        b.done(FIRST, 2)
         b.done(SECOND, 3)
-        assert b.tick(WORLD).datagrams == {1001: 2, 1002: 3}
+        b.done(FIRST, 2)
+        assert b.tick(WORLD).sent == {"1001": 2, "1002": 3}
         b.done(WORLD)
         tick = b.tick(SECOND)
         assert tick.heard == 1
-        assert sorted(tick.published) == [(1, 0, 2), (2, 0, 3)]
+        assert list(tick.said.items()) == [("agent-1/state", 2), ("agent-2/state", 3)]
 
 
 def test_a_member_that_dies_is_not_waited_for() -> None:
@@ -129,19 +142,19 @@ def test_a_member_that_dies_is_not_waited_for() -> None:
 
 
 def test_a_last_tick_counts_and_is_the_last() -> None:
-    """What an agent published in its last tick is waited for; no tick is granted to it again, and
+    """What an agent said in its last tick is waited for; no tick is granted to it again, and
     the next world has one agent less, whenever its process ends."""
     with barrier(WORLD, FIRST, SECOND) as b:
         b.tick(WORLD)
         b.done(WORLD)
         b.tick(FIRST)
         b.tick(SECOND)
-        b.members[SECOND].done({0: 5}, {1002: 1}, last=True)
+        b.members[SECOND].done({"agent-2/event": 5}, {"1002": 1}, last=True)
         b.done(FIRST)
         tick = b.tick(WORLD)
-        assert (tick.agents, tick.datagrams[1002]) == (1, 1)
+        assert (tick.agents, tick.sent["1002"]) == (1, 1)
         b.done(WORLD)
-        assert (2, 0, 5) in b.tick(FIRST).published
+        assert b.tick(FIRST).said["agent-2/event"] == 5
         assert b.members[SECOND].wait(0.05) is None
 
 
@@ -149,12 +162,15 @@ def test_a_stopped_member_is_left_behind_and_comes_back() -> None:
     """After the bound mission time goes on without it, which is noted; it takes part again from a
     later tick, told that its counts are void."""
     with barrier(WORLD, FIRST, SECOND, patience=1.0) as b:
-        b.tick(WORLD)
-        b.done(WORLD)
-        b.tick(FIRST)
-        b.tick(SECOND)
-        b.done(FIRST)
-        assert b.tick(WORLD).number == 2
+        for _ in range(2):
+            b.tick(WORLD)
+            b.done(WORLD)
+            b.tick(FIRST)
+            b.done(FIRST)
+            b.tick(SECOND)
+            if b.members[SECOND].tick == 1:
+                b.done(SECOND)
+        assert b.tick(WORLD).tick == 3
         assert "agent-2 has not done its tick for 1 s" in b.notes[0]
         b.done(SECOND)
         b.done(WORLD)
@@ -175,15 +191,15 @@ def test_a_station_does_not_hold_up_the_world() -> None:
         b.tick("station")
         b.tick(FIRST)
         b.done(FIRST)
-        assert b.tick(WORLD).number == 2
+        assert b.tick(WORLD).tick == 2
         b.done(WORLD)
         assert b.members[FIRST].wait(0.05) is None
         b.done("station", 1)
-        assert (2, 0, 1) in b.tick(FIRST).published
+        assert b.tick(FIRST).said["station/state"] == 1
 
 
 def test_a_test_has_the_time_between_two_ticks() -> None:
-    """It hears what was published in this very tick, and nothing moves before it is done, however
+    """It hears what was said in this very tick, and nothing moves before it is done, however
     long that takes."""
     with barrier(WORLD, FIRST, "test", patience=1.0) as b:
         b.tick(WORLD)
@@ -191,20 +207,18 @@ def test_a_test_has_the_time_between_two_ticks() -> None:
         b.tick(FIRST)
         b.done(FIRST, 1)
         tick = b.tick("test")
-        assert (tick.number, tick.heard, list(tick.published)) == (1, 1, [(1, 0, 1)])
+        assert (tick.tick, tick.heard, tick.said) == (1, 1, {"agent-1/state": 1})
         assert b.members[WORLD].wait(2.5) is None
         b.done("test")
-        assert b.tick(WORLD).number == 2
+        assert b.tick(WORLD).tick == 2
         assert b.notes == []
 
 
 def test_a_member_that_joins_late() -> None:
-    """It takes part from the next tick on, and is told who flies."""
+    """It takes part from the next tick on, and waits for nothing of the one before."""
     with barrier(WORLD, FIRST) as b:
         b.tick(WORLD)
-        late = b.join(SECOND, late=True)
-        assert late.late
-        assert late.others == {0: WORLD, 1: FIRST}
+        b.join(SECOND, late=True)
         b.done(WORLD)
         assert b.tick(SECOND).anew
         b.tick(FIRST)
@@ -229,13 +243,55 @@ def test_a_pace_slows_down_and_never_hurries() -> None:
         assert fly(4) > 2 * 0.05 - 0.005  # one comes at once, and one that was due meanwhile
 
 
-def test_a_stranger_does_not_stop_the_clock() -> None:
-    """Bytes that are no word end that connection alone."""
+def test_what_was_not_heard_is_said_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By who has said it; of many that ask at once, for the first."""
+    monkeypatch.setattr("swarm_ctl.engine.lockstep.keeper._AGAIN_WALL_S", 2.0)
+    with barrier(WORLD, FIRST, SECOND) as b:
+        asked: list[tuple[int, list[str]]] = []
+        b.members[SECOND]._say_again = lambda tick, keys: asked.append((tick, list(keys)))
+        b.tick(WORLD)
+        b.done(WORLD)
+        for name in (FIRST, SECOND):
+            b.tick(name)
+            b.done(name, 1)
+        b.tick(WORLD)
+        b.done(WORLD)
+        b.tick(FIRST)
+        for _ in range(2):
+            b.members[FIRST].ask(1, ["agent-2/state"])
+        until = time.monotonic() + 5.0
+        while not asked and time.monotonic() < until:
+            b.members[SECOND].wait(0.05)
+        b.members[SECOND].wait(0.05)
+        assert asked == [(1, ["agent-2/state"])]
+
+
+def test_nobody_is_taken_for_stopped_before_the_first_tick_is_done() -> None:
+    """The mesh's links may take longer to open than a process may stand still."""
+    with barrier(WORLD, FIRST, patience=0.1) as b:
+        b.tick(WORLD)
+        b.done(WORLD)
+        b.tick(FIRST)
+        time.sleep(2.5)
+        assert b.notes == []
+        b.done(FIRST)
+        assert not b.tick(WORLD).anew
+        b.done(WORLD)
+        b.tick(FIRST)
+        assert b.tick(WORLD).tick == 3
+        assert "agent-1 has not done its tick" in b.notes[0]
+
+
+@pytest.mark.parametrize(
+    "nonsense", [b"\x05\x00", b"7", b"{}", b'{"done": 1}', b'{"join": "x", "port": "y"}']
+)
+def test_a_stranger_does_not_stop_the_clock(nonsense: bytes) -> None:
+    """What is no word of a member ends that connection alone."""
     with barrier(WORLD) as b:
         stranger = LockstepMember(b.address, "stranger", TickPhase.SWARM)
-        stranger._send(b"\x05\x00")
+        stranger._socket.send(nonsense)
         with pytest.raises(KeeperGoneError):
-            stranger.wait(5.0)
+            wait_long(stranger)
         stranger.close()
         b.tick(WORLD)
 
@@ -247,21 +303,37 @@ def test_no_keeper() -> None:
 
 
 def test_the_keeper_is_not_given_up_while_others_start(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A hundred processes may need longer to start than a keeper may be silent."""
+    """A hundred processes may need longer to start than a keeper may be silent; a process that was
+    stopped for so long does not take the keeper for silent, either."""
     monkeypatch.setattr("swarm_ctl.engine.lockstep.keeper._TELL_WALL_S", 0.05)
     monkeypatch.setattr("swarm_ctl.engine.lockstep.member._SILENT_WALL_S", 0.5)
-    with barrier(WORLD) as b, closing(LockstepMember(b.address, FIRST, TickPhase.SWARM)) as waits:
-        until = time.monotonic() + 1.0
-        while time.monotonic() < until:  # it has not heard all others yet, so it is not ready
-            assert waits.wait(0.01) is None
+    with closing(Keeper(Rules(0.05, (WORLD, FIRST)), "test-slow", lambda _: None)) as keeper:
+        serving = True
+
+        def serve() -> None:
+            while serving:
+                keeper.turn()
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        with closing(LockstepMember("test-slow", FIRST, TickPhase.SWARM)) as waits:
+            until = time.monotonic() + 1.0
+            while time.monotonic() < until:  # the world has not joined
+                assert waits.wait(0.01) is None
+            serving = False
+            thread.join()
+            time.sleep(0.6)
+            assert waits.wait(0.0) is None
+            with pytest.raises(KeeperGoneError, match="silent"):
+                wait_long(waits)
 
 
 def test_the_first_word_to_a_process_is_its_welcome(monkeypatch: pytest.MonkeyPatch) -> None:
-    """However late it joins after it has connected: the simulator reads no other word there."""
+    """However late it joins after it has connected."""
     monkeypatch.setattr("swarm_ctl.engine.lockstep.keeper._TELL_WALL_S", 0.02)
     with barrier(WORLD) as b, closing(packets()) as slow:
         slow.connect("\0" + b.address)
         time.sleep(0.2)
-        slow.send(pack_json(Word.JOIN, name="late", phase=TickPhase.SWARM, port=0))
+        slow.send(packed(join="late", phase=TickPhase.SWARM, port=0))
         slow.settimeout(5.0)
-        assert slow.recv(4096)[0] == Word.WELCOME
+        assert "tick_s" in read(slow.recv(4096))
