@@ -21,7 +21,7 @@ import numpy.typing as npt
 from swarm_ctl.core.agent.agent import STATUS_EVERY_S
 from swarm_ctl.core.agent.landing import WANDERS_M
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
-from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Outcome, Phase, StepOutcome
+from swarm_ctl.core.model.messages import AgentState, CommandKind, Outcome, Phase, StepOutcome
 from swarm_ctl.core.model.plan import Fence, Policy, Zone
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.vehicle import MISPLACED_M, OVER_M
@@ -334,7 +334,7 @@ def _zoned(seen: Seen) -> Iterator[str]:
             high = math.inf if zone.ceiling_m is None else zone.ceiling_m
             free_s = _free_s(seen, agent, zone, since_s)
             there = counts & (-track[:, 2] > low) & (-track[:, 2] < high)
-            there &= (truth.time_s >= free_s) & (truth.time_s < lifted_s)
+            there &= (truth.time_s >= free_s) & (truth.time_s < lifted_s) & ~seen.blown
             for k in np.flatnonzero(there).tolist():
                 n, e, d = track[k].tolist()
                 off_m = 0.0 if flown[k] else WANDERS_M  # an autopilot's landing drifts
@@ -405,7 +405,7 @@ def _ordered(seen: Seen) -> Iterator[str]:
         yield from _flies_alone(seen, agent)
         for order in seen.orders(agent, CommandKind.LAND):
             moved_m = _way_down(seen, agent, order.at_s)
-            if moved_m > _may_slide(seen):
+            if seen.calm and moved_m > _may_slide(seen):
                 yield f"agent {agent} flew {moved_m:.1f} m after `{order.line}`, {order.at_s:g} s"
 
 
@@ -611,7 +611,8 @@ def _heard(seen: Seen) -> Iterator[str]:
                         f" {link.age_s:.1f} s ago, which was silent since {each.at_s:g} s"
                     )
                     return
-    if mesh.loss and not seen.of("kill", "stop", "restart", "vehicle"):
+    overtakes = mesh.jitter_s >= seen.plan.tick_s  # a state that is overtaken is lost, too
+    if mesh.loss and not overtakes and not seen.of("kill", "stop", "restart", "vehicle"):
         for agent, said in seen.statuses.items():
             for other, link in (said[-1].links if said else {}).items():
                 share = link.lost / max(1, link.lost + link.received)
@@ -623,7 +624,7 @@ _DEAD: Final = ("kill", "stop", "restart")
 
 
 def _together(seen: Seen) -> Iterator[str]:
-    """By the statuses, at 2 Hz: one begins a step, and another that it hears is not done yet with
+    """By the states of each tick: one begins a step, and another that it hears is not done yet with
     the one before, nor was."""
     if not seen.good_mesh or seen.of("part"):
         return
@@ -646,26 +647,26 @@ def _together(seen: Seen) -> Iterator[str]:
             for other, number in seen.routes.awaited(agent, k - 1).items():
                 if other == agent or other not in free or seen.timed_out(agent, k - 1):
                     continue
-                if _not_done(seen.statuses[other], number, at_s):
+                if _not_done(seen.states[other], number, at_s):
                     yield (
                         f"agent {agent} began step {k} ({step.name}) at {at_s:.1f} s, and agent"
                         f" {other} was not done with step {number}"
                     )
 
 
-def _not_done(said: list[AgentStatus], number: int, at_s: float) -> bool:
-    """Whether an agent that said this was surely not done with the step of this number then."""
-    before = [s for s in said if s.time_s <= at_s + 0.6]
-    after = next((s for s in said if s.time_s > at_s + 1.1), None)
-    if not before or after is None or any(map(_apart_from, (before[-1], after))):
-        return False
-    return not any((s.step, s.done) >= (number, True) for s in (*before, after))
+def _not_done(said: list[AgentState], number: int, at_s: float) -> bool:
+    """Whether an agent that told this was not done with the step of this number in any of its
+    states from the last second before."""
+    heard = [s for s in said if at_s - 1.0 <= s.time_s <= at_s + 1e-3]
+    return bool(heard) and not any(
+        (s.step, s.done) >= (number, True) or _apart_from(s) for s in heard
+    )
 
 
-def _apart_from(status: AgentStatus) -> bool:
-    """The others need not wait for it: it gave up, left, or a command holds it."""
-    gave_up = status.action is not None and status.action is not FailsafeAction.HOLD
-    return gave_up or status.left is not None or status.phase in (Phase.YIELD, Phase.ENDED)
+def _apart_from(state: AgentState) -> bool:
+    """The others need not wait for it: it gave up, left, or a pilot has its vehicle."""
+    over = (Phase.LAND, Phase.RETURN, Phase.YIELD, Phase.ENDED)
+    return state.left is not None or state.phase in over
 
 
 def _verdict(seen: Seen) -> Iterator[str]:

@@ -33,6 +33,7 @@ _LOST: Final = 0.2
 _NOISE_M: Final = 0.5
 """An estimate that is off by this much is weather, not a fault."""
 _WIND_MPS: Final = 6.0
+_LEARNS_S: Final = 10.0
 _MISLED_S: Final = 2.0
 """A vehicle goes by its places of the last seconds."""
 
@@ -194,12 +195,29 @@ class Seen:
         speed = max(values.get("SIM_WIND_SPD", 0.0) for values in sets)
         return speed + 3.0 * max(values.get("SIM_WIND_GUST", 0.0) for values in sets)
 
+    @property
+    def calm(self) -> bool:
+        """The wind is inside the envelope."""
+        return self.wind_mps <= _WIND_MPS
+
+    @cached_property
+    def blown(self) -> npt.NDArray[np.bool_]:
+        """(T,): a wind that was set anew in flight carries vehicles until they have learnt it."""
+        time_s = self.truth.time_s
+        found = np.zeros(len(time_s), dtype=np.bool_)
+        for from_s, until_s, _, values, _ in self.faults:
+            if any(name.startswith("SIM_WIND") for name in values):
+                for at_s in (from_s, until_s) if self.from_start else (0.0,):
+                    ends_s = at_s + _LEARNS_S if self.from_start else math.inf
+                    found |= (time_s >= at_s) & (time_s < ends_s)
+        return found
+
     @cached_property
     def enveloped(self) -> bool:
         """The mission is inside the envelope (a tick of up to 0.1 s is let through), and so is the
         weather."""
         found = [finding for finding in envelope.outside(self.plan) if finding.place != ("tick_s",)]
-        return not found and self.plan.safety.filter and self.wind_mps <= _WIND_MPS
+        return not found and self.plan.safety.filter and self.calm
 
     @cached_property
     def misjudged_m(self) -> float:
