@@ -426,7 +426,7 @@ class Agent:
 
     def _judge(self, tick: Tick) -> None:
         own, group, interruption = self._vehicle, self._group, self._interruption
-        own.observe(tick.view)
+        own.observe(tick)
         group.measure(tick, self._controller.stop_point_m, airborne=own.was_armed)
         group.watch_commands(tick, self._command_handler.tag, interruption.trigger)
         if self._command_handler.sent_to is None:

@@ -10,7 +10,7 @@ from typing import Final
 from swarm_ctl.core.agent.failsafes import FailsafeTrigger, failed
 from swarm_ctl.core.agent.group import Group
 from swarm_ctl.core.agent.interruption import EventLog, Interruption
-from swarm_ctl.core.agent.own_vehicle import OwnVehicle
+from swarm_ctl.core.agent.own_vehicle import GONE_VEHICLE_S, OwnVehicle
 from swarm_ctl.core.agent.return_to_launch import HOME_TOLERANCE_M, ReturnToLaunch, deserted
 from swarm_ctl.core.agent.steering import FlyTo, Intent, KeepClear
 from swarm_ctl.core.agent.tick import Tick
@@ -63,8 +63,6 @@ _ARMING_S = 3.0
 second."""
 _TELL_S = 30.0
 """For its first position on the ground: vehicles that have just started take so long."""
-_GONE_VEHICLE_S = 10.0
-"""Without a heartbeat for this long while winding down, there is nothing left to land."""
 _DISARMED_S = 10.0
 """A vehicle without motors for this long lies on the ground, whatever it said last. One that
 restarted in the air says no more than its heartbeat until it is asked, and an agent that yielded
@@ -120,15 +118,18 @@ class Landing:
         down = self._on_ground(tick) and not _lately(vehicle.arming_s, now, _ARMING_S)
         killed = trigger.action is FailsafeAction.KILL
         since_s = self._interruption.since_s
-        # An agent that has just started may not know yet that its vehicle is armed.
-        unsure = killed and not vehicle.was_armed and _lately(since_s, now, _ARMING_S)
+        # An agent that has just started may not know yet that its vehicle flies.
+        unsure = vehicle.strange(now) and trigger.action is not FailsafeAction.LEAVE
+        unsure |= killed and not vehicle.was_armed and _lately(since_s, now, _ARMING_S)
         # Its peers wait for its word, which it has with its first position.
         unsure |= left and tick.newest_fix is None and _lately(since_s, now, _TELL_S)
-        if not unsure and (down or tick.vehicle_silent_s > _GONE_VEHICLE_S):
+        if not unsure and (down or tick.vehicle_silent_s > GONE_VEHICLE_S):
             return self.end(now)
         if killed:
             return Intent(TerminateGoal(), Phase.LAND)
         if view.armed and not vehicle.ours:
+            if unsure:
+                return Intent(StandbyGoal(), tick.before)
             return self.end(now)  # not our flight: nothing is sent, soon no heartbeat either
         if not view.armed and not vehicle.was_armed:
             asked = math.isfinite(vehicle.arming_s)

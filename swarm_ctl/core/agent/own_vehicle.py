@@ -11,7 +11,7 @@ from typing import Final
 
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.navigation import OwnFix
-from swarm_ctl.core.model.vehicle import FALLS_MPS, VehicleView
+from swarm_ctl.core.model.vehicle import FALLS_MPS
 
 _FLOWN_M: Final = 1.0
 """A position estimate on the ground wanders by less."""
@@ -21,6 +21,12 @@ _SUNK_M: Final = 3.0
 """Far below the height to keep: this much, and half of the height. A baro drifts by less in a
 flight."""
 
+_TELLS_S: Final = 3.0
+"""From a vehicle's first heartbeat until it has said, too, whether it stands on the ground, where
+some messages are lost."""
+GONE_VEHICLE_S: Final = 10.0
+"""Without a heartbeat for this long while winding down, there is nothing left to land."""
+
 
 @dataclass(slots=True)
 class OwnVehicle:
@@ -28,6 +34,10 @@ class OwnVehicle:
 
     arming_s: float = -math.inf
     """When the vehicle was last asked to arm, or taken over in the air."""
+    since_s: float = math.inf
+    """When the agent began to listen to it."""
+    known_s: float = math.inf
+    """When its heartbeats said first what is believed of it."""
     was_armed: bool = False
     had_control: bool = False
     """The vehicle has followed our setpoints in this flight."""
@@ -65,10 +75,21 @@ class OwnVehicle:
         """For how long the vehicle has been far below its height [s]; 0: it is not."""
         return 0.0 if self.sunk_since_s is None else now - self.sunk_since_s
 
+    def strange(self, now: float) -> bool:
+        """The agent has just started, and may not know yet whether this vehicle is armed, or in
+        the air."""
+        heard_s = min(self.known_s + _TELLS_S, self.since_s + GONE_VEHICLE_S)
+        return not self.ours and now < heard_s
+
     # --- what is seen ---
 
-    def observe(self, view: VehicleView) -> None:
-        """Note that the vehicle armed, or followed our setpoints, by our own doing."""
+    def observe(self, tick: Tick) -> None:
+        """Note when it was heard first, and that it armed, or followed our setpoints, by our own
+        doing."""
+        view, now = tick.view, tick.now
+        self.since_s = min(self.since_s, now)
+        if math.isfinite(view.heartbeat_s) and not view.mode_doubt:
+            self.known_s = min(self.known_s, now)
         self.was_armed |= view.armed and self.ours
         self.had_control |= self.was_armed and view.controlled
 
