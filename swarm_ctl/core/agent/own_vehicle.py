@@ -79,7 +79,7 @@ class OwnVehicle:
         """The agent has just started, and may not know yet whether this vehicle is armed, or in
         the air."""
         heard_s = min(self.known_s + _TELLS_S, self.since_s + GONE_VEHICLE_S)
-        return not self.ours and now < heard_s
+        return not self.ours and math.isfinite(self.since_s) and now < heard_s
 
     # --- what is seen ---
 
