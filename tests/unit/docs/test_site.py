@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import itertools
 import re
+import shutil
 import subprocess
 import sys
 from importlib import import_module
@@ -155,3 +156,14 @@ def test_the_site_builds_without_warnings_and_needs_no_other_host(tmp_path: Path
             r'<(?:script|img|link)[^>]*(?:src|href)="(https?://[^"]+)"', page.read_text()
         )
         assert [host for host in loaded if "canonical" not in host] == []
+
+
+def test_zensical_builds_the_site_without_warnings(tmp_path: Path) -> None:
+    """mkdocs-material's successor reads the same mkdocs.yml."""
+    pytest.importorskip("zensical", reason="pip install -e '.[dev]'")
+    shutil.copytree(DOCS, tmp_path / "docs")
+    shutil.copy(ROOT / "mkdocs.yml", tmp_path)
+    command = [sys.executable, "-m", "zensical", "build", "--strict"]
+    built = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stdout + built.stderr
+    assert (tmp_path / "build/site/do/safety/index.html").exists()
