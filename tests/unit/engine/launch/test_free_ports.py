@@ -6,7 +6,8 @@ import socket
 
 import pytest
 
-from swarm_ctl.engine.launch.ports import free_ports, refuse_taken
+from swarm_ctl.engine.launch.ports import free_ports
+from swarm_ctl.engine.local_server import refuse_taken
 from swarm_ctl.errors import StartError
 
 
