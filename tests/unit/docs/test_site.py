@@ -160,7 +160,7 @@ def test_the_site_builds_without_warnings_and_needs_no_other_host(tmp_path: Path
 
 def test_zensical_builds_the_site_without_warnings(tmp_path: Path) -> None:
     """mkdocs-material's successor reads the same mkdocs.yml."""
-    pytest.importorskip("zensical", reason="zensical is not installed: pip install zensical")
+    pytest.importorskip("zensical", reason="pip install '.[docs]'")
     shutil.copytree(DOCS, tmp_path / "docs")
     shutil.copy(ROOT / "mkdocs.yml", tmp_path)
     command = [sys.executable, "-m", "zensical", "build", "--strict"]
