@@ -22,8 +22,8 @@ _SUNK_M: Final = 3.0
 flight."""
 
 _TELLS_S: Final = 3.0
-"""From a vehicle's first heartbeat until it has said, too, whether it stands on the ground, where
-some messages are lost."""
+"""From a vehicle's first heartbeat until it has said, too, whether it stands on the ground: it is
+asked to once a second, and two of three answers may be lost. Chosen, not measured."""
 GONE_VEHICLE_S: Final = 10.0
 """Without a heartbeat for this long while winding down, there is nothing left to land."""
 
@@ -77,9 +77,9 @@ class OwnVehicle:
 
     def strange(self, now: float) -> bool:
         """The agent has just started, and may not know yet whether this vehicle is armed, or in
-        the air."""
+        the air: nothing else than its silence says that it stands on the ground."""
         heard_s = min(self.known_s + _TELLS_S, self.since_s + GONE_VEHICLE_S)
-        return not self.ours and math.isfinite(self.since_s) and now < heard_s
+        return not self.ours and now < heard_s
 
     # --- what is seen ---
 

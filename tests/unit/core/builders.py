@@ -228,6 +228,8 @@ class Own:
         self.log = EventLog(OWN)
         self.vehicle = OwnVehicle(
             **{
+                "since_s": NOW - 90.0,
+                "known_s": NOW - 90.0,
                 "arming_s": NOW - 60.0,
                 "was_armed": True,
                 "had_control": True,

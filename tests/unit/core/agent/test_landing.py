@@ -68,6 +68,12 @@ def in_phase(phase: Phase, **changes: Any) -> Own:
     return own
 
 
+def started(known_s: float) -> Own:
+    """Half a second ago, or earlier, and heard of its vehicle for the first time then."""
+    begun = {"since_s": min(NOW - 0.5, known_s), "known_s": known_s}
+    return in_phase(Phase.PREPARE, arming_s=-math.inf, was_armed=False, had_control=False, **begun)
+
+
 GROUNDED = PARKED | {"fix": fix(height_m=0.0)}
 
 ROWS: list[tuple[str, FailsafeAction, Own, dict[str, Any], type[Goal], Phase]] = [
@@ -88,6 +94,16 @@ ROWS: list[tuple[str, FailsafeAction, Own, dict[str, Any], type[Goal], Phase]] =
         ReleaseGoal,
         Phase.ENDED,
     ),
+    ("just started, and found armed", LANDS, started(NOW - 0.2), {}, StandbyGoal, Phase.PREPARE),
+    (
+        "just started, and not heard yet",
+        LANDS,
+        started(math.inf),
+        GROUNDED | {"heartbeat_s": -math.inf},
+        StandbyGoal,
+        Phase.PREPARE,
+    ),
+    ("started, heard on the ground", LANDS, started(NOW - 3.0), GROUNDED, ReleaseGoal, Phase.ENDED),
     (
         "asked to arm a moment ago",
         LANDS,
