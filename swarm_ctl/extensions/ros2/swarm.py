@@ -42,6 +42,7 @@ from swarm_ctl.trust.identity import Identity, load_identity
 
 _NODE: Final = "swarm_ctl"
 _LAST_DOMAIN: Final = 232
+_ORDERS: Final = "orders"
 _OF_SOME: Final = (CommandKind.HOLD, CommandKind.RESUME, CommandKind.LAND, CommandKind.RETURN)
 _OF_ALL: Final = (*_OF_SOME, CommandKind.NEXT)
 """No `kill` and no `expel`: an operator confirms them, and a service asks no one."""
@@ -73,14 +74,15 @@ def _free(name: str, taken: Mapping[str, str]) -> str:
 
 
 class Ros2(Extension):
-    """The swarm of one station in a domain of ROS 2, its argument: DOMAIN, or DOMAIN,FOLDER with
-    the keys that guard the link to ROS 2. Without a domain: `ROS_DOMAIN_ID`, or 0.
+    """The swarm of one station in a domain of ROS 2, its argument: DOMAIN, DOMAIN,FOLDER with the
+    keys that guard the link to ROS 2, or DOMAIN,orders, which lets all that reach ROS 2's router
+    order a swarm without keys. Without a domain: `ROS_DOMAIN_ID`, or 0.
 
     Where mission time is not the wall clock's, `/clock` tells it, and stamps are of it.
     """
 
     def __init__(self, argument: str, station: StationHandle) -> None:
-        domain, identity = _argument(argument, os.environ)
+        domain, identity, self._open = _argument(argument, os.environ)
         if identity is not None and identity.swarm != station.plan.name:
             raise InputError(
                 f"ros2={argument}: its keys are of the swarm {identity.swarm}; allowed: those of"
@@ -101,7 +103,7 @@ class Ros2(Extension):
 
     @classmethod
     def check(cls, argument: str) -> None:
-        _, identity = _argument(argument, os.environ)
+        _, identity, _ = _argument(argument, os.environ)
         configuration(os.environ, identity)
 
     def write(
@@ -127,7 +129,7 @@ class Ros2(Extension):
         """`close` ends the node."""
 
     def take(self, view: SwarmView) -> None:
-        before, self._why_not = self._why_not, _why_no_orders(view.protection, self._node)
+        before, self._why_not = self._why_not, self._why_no_orders(view.protection)
         if self._why_not not in ("", before):
             self._station.tell(f"no orders from ROS 2: {self._why_not}")
         self._tell_clock(view.time_s)
@@ -144,6 +146,24 @@ class Ros2(Extension):
         if wall.wall_s() >= self._due_wall_s:
             self._due_wall_s = wall.wall_s() + _DIAGNOSTICS_WALL_S
             self._node.publish("/diagnostics", diagnostics(view, at))
+
+    def _why_no_orders(self, protection: Protection) -> str:
+        """'' where they are taken: from others no easier than on the mesh. ROS 2's router listens
+        to all networks unless it is told otherwise; a mesh without keys is this computer's."""
+        if not protection.commands:
+            return f"{protection.who} may only watch"
+        if protection.mesh is MeshKind.TLS and not self._node.guarded:
+            return (
+                "the swarm has keys, and its link to ROS 2 has none (--attach ros2=DOMAIN,FOLDER)"
+            )
+        if protection.mesh is MeshKind.LOCAL and self._node.leaves_host:
+            return "other computers reach the link to ROS 2, and the swarm has no keys"
+        if protection.mesh is MeshKind.LOCAL and not self._open:
+            return (
+                "the swarm has no keys, and other computers may reach ROS 2's router"
+                " (--attach ros2=DOMAIN,orders)"
+            )
+        return ""
 
     def _tell_clock(self, now_s: float) -> None:
         if self._simulated and now_s > self._clock_s:
@@ -175,22 +195,13 @@ class Ros2(Extension):
         self._node.close()
 
 
-def _argument(argument: str, environment: Mapping[str, str]) -> tuple[int, Identity | None]:
-    """The domain, and whose keys guard the link to ROS 2."""
-    text, _, folder = argument.partition(",")
+def _argument(argument: str, environment: Mapping[str, str]) -> tuple[int, Identity | None, bool]:
+    """The domain, whose keys guard the link to ROS 2, and whether all that reach it may order."""
+    text, _, more = argument.partition(",")
     told = text or environment.get("ROS_DOMAIN_ID") or "0"
     if not (told.isascii() and told.isdecimal() and int(told) <= _LAST_DOMAIN):
         where = f"ros2={argument}" if text else f"ROS_DOMAIN_ID={told}"
         raise InputError(f"{where}: is no domain of ROS 2; allowed: 0 to {_LAST_DOMAIN}")
-    return int(told), load_identity(Path(folder)) if folder else None
-
-
-def _why_no_orders(protection: Protection, node: Ros2Node) -> str:
-    """'' where they are taken: from others no easier than on the mesh."""
-    if not protection.commands:
-        return f"{protection.who} may only watch"
-    if protection.mesh is MeshKind.TLS and not node.guarded:
-        return "the swarm has keys, and its link to ROS 2 has none (--attach ros2=DOMAIN,FOLDER)"
-    if protection.mesh is MeshKind.LOCAL and node.leaves_host:
-        return "other computers reach the link to ROS 2, and the swarm has no keys"
-    return ""
+    if more == _ORDERS:
+        return int(told), None, True
+    return int(told), load_identity(Path(more)) if more else None, False

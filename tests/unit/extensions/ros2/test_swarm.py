@@ -92,10 +92,12 @@ class Desk:
 class Flight:
     """A station, and ROS 2 beside it."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, desk: Desk) -> None:
+    def __init__(
+        self, monkeypatch: pytest.MonkeyPatch, desk: Desk, argument: str = "5,orders"
+    ) -> None:
         monkeypatch.setattr(module, "Ros2Node", Graph)
         self.desk = desk
-        self.swarm = Ros2("5", desk)
+        self.swarm = Ros2(argument, desk)
         self.graph: Graph = self.swarm._node  # type: ignore[assignment]
 
     def tell(self, agent: int, time_s: float) -> None:
@@ -229,6 +231,19 @@ def test_ros_orders_no_easier_than_the_mesh(
     for success, message in asked.answers:
         assert not success
         assert message.startswith(f"no orders from ROS 2: {why}")
+
+
+def test_a_swarm_without_keys_takes_orders_where_its_operator_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """ROS 2's router listens to all networks, unless it is told otherwise."""
+    shown = Flight(monkeypatch, Desk(), "0")
+    shown.swarm.take(PICTURES["well"]())
+    ((success, why),) = shown.ask("/swarm/hold").answers
+    assert not success
+    assert why.endswith("(--attach ros2=DOMAIN,orders)")
+    assert not shown.desk.orders
+    shown.swarm.close()
 
 
 @pytest.mark.parametrize(
