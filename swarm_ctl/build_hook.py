@@ -42,4 +42,7 @@ def _of_checkout(root: str) -> str:
     if not Path(root, ".git").exists():
         return ""
     words = ["git", "-C", root, "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+"]
-    return subprocess.run(words, capture_output=True, text=True, check=False).stdout.strip()
+    try:
+        return subprocess.run(words, capture_output=True, text=True, check=False).stdout.strip()
+    except FileNotFoundError:  # a machine without git builds a package that knows no commit
+        return ""
