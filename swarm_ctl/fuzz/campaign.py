@@ -59,7 +59,8 @@ def fly(
         flown = fly_scenario(scenario, mission, folder)
         found = broken(flown)
         if twice and not found:
-            # A folder has each status once a second, so its verdict may tell an older one.
+            # A folder keeps fewer statuses, so what its verdict tells of a killed agent may be
+            # older.
             first = flown if folder is None else fly_scenario(scenario, mission)
             if fly_scenario(scenario, mission).digest != first.digest:
                 found = [Broken(Invariant.SAME, "flown twice, it was not the same")]
