@@ -35,7 +35,8 @@ _STYLE: Final[Any] = {
 }
 _UNDATED: Final = {"Date": None}
 
-DPI: Final = 160
+DPI: Final = 300
+"""What print asks for."""
 R_IN, R_OUT = r"r_\mathrm{in}", r"r_\mathrm{out}"
 
 

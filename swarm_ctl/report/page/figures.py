@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Final
 
 import numpy as np
@@ -89,18 +89,19 @@ def sigma(history: RunHistory) -> Figure | None:
     return made
 
 
-def error(axis: int) -> Callable[[RunHistory], Figure | None]:
-    """e_i in one coordinate: 0 is x (north), 1 is y (east)."""
-
-    def draw(history: RunHistory) -> Figure | None:
-        name, towards = f"$e_{'xy'[axis]}$", ("north", "east")[axis]
-        title = f"Formation error {name} ({towards}): equal where the shape stands"
-        made = _lines(history, history.errors()[..., axis], history.agents, "agent", title)
-        if made is not None:
-            made.axes[0].set_ylabel(f"{name} [m]")
-        return made
-
-    return draw
+def error(history: RunHistory) -> Figure | None:
+    """How far each agent is from its place in the shape, wherever the shape stands."""
+    away_m = history.deviations()
+    if not np.isfinite(away_m).any():
+        return None
+    title = "Formation error: distance from the place in the shape"
+    made, panels = _panels(title, ("north [m]", "east [m]"))
+    for k, agent in enumerate(history.agents):
+        style = {"linewidth": _width(len(history.agents)), **line_style(k)}
+        for axes, values in zip(panels, away_m[:, k].T, strict=True):
+            axes.plot(history.flight.time_s, values, label=str(agent), **style)
+    _name(panels[0], len(history.agents), "agent")
+    return made
 
 
 def heights(history: RunHistory) -> Figure | None:
@@ -150,49 +151,50 @@ def links(history: RunHistory) -> Figure | None:
 
 
 def mesh(history: RunHistory) -> Figure | None:
-    """Age of the oldest state, and loss, as each agent hears its peers."""
+    """Age of the oldest state, and loss where there is any, as each agent hears its peers."""
     heard_of = sorted(history.heard.statuses.items())
     statuses = {i: [s for s in found if s.links] for i, found in heard_of}
     if not any(statuses.values()):
         return None
-    made, (age, loss) = grid("Mesh links, as each agent hears them", 2, 1, 5.2, 4.2)
-    for k, (agent, found) in enumerate(statuses.items()):
-        times = [s.time_s for s in found]
-        ages = [max((link.age_s or 0.0 for link in s.links.values()), default=0.0) for s in found]
+    ages, shares = [], []
+    for found in statuses.values():
+        ages.append([max((x.age_s or 0.0 for x in s.links.values()), default=0.0) for s in found])
         heard = [sum(link.received for link in s.links.values()) for s in found]
         lost = [sum(link.lost for link in s.links.values()) for s in found]
-        age.plot(times, ages, linewidth=1.0, label=str(agent), **line_style(k))
-        shares = [100.0 * gone / max(gone + got, 1) for gone, got in zip(lost, heard, strict=True)]
-        loss.plot(times, shares, linewidth=1.0, **line_style(k))
-    age.set_ylabel("oldest state [s]")
-    loss.set_ylabel("lost so far [%]")
-    loss.set_xlabel("mission time [s]")
-    age.set_ylim(bottom=0)
-    loss.set_ylim(bottom=0)
-    _name(age, len(statuses), "agent")
+        shares.append(
+            [100 * gone / max(gone + got, 1) for gone, got in zip(lost, heard, strict=True)]
+        )
+    told = {"oldest state [s]": ages, "lost so far [%]": shares}
+    shown = {
+        label: lines for label, lines in told.items() if label.startswith("old") or _any(lines)
+    }
+    made, panels = _panels("Mesh links, as each agent hears them", shown)
+    for axes, lines in zip(panels, shown.values(), strict=True):
+        for k, (agent, found) in enumerate(statuses.items()):
+            times = [s.time_s for s in found]
+            axes.plot(times, lines[k], linewidth=1.0, label=str(agent), **line_style(k))
+        axes.set_ylim(bottom=0)
+    _name(panels[0], len(statuses), "agent")
     return made
 
 
 def ticks(history: RunHistory) -> Figure | None:
-    """How late the control loops were: median and 99th percentile so far, and overruns."""
+    """How late the control loops were, median and 99th percentile so far; overruns, where there
+    are any."""
     statuses = sorted(history.heard.statuses.items())
     if not statuses:
         return None
-    made, (late, over) = grid(
-        "Control loop, so far (thin: median, thick: 99th percentile)", 2, 1, 5.2, 4.2
-    )
+    skipped = [[s.tick.overruns for s in found] for _, found in statuses]
+    labels = ["late [ms, wall clock]", *(["ticks skipped"] if _any(skipped) else [])]
+    made, panels = _panels("Control loop, so far (thin: median, thick: 99th percentile)", labels)
     for k, (agent, found) in enumerate(statuses):
-        times = [s.time_s for s in found]
-        style = line_style(k)
-        late.plot(times, [s.tick.late_p50_ms for s in found], linewidth=0.6, **style)
-        late.plot(
-            times, [s.tick.late_p99_ms for s in found], linewidth=1.4, label=str(agent), **style
-        )
-        over.plot(times, [s.tick.overruns for s in found], linewidth=1.0, **style)
-    late.set_ylabel("late [ms, wall clock]")
-    over.set_ylabel("ticks skipped")
-    over.set_xlabel("mission time [s]")
-    _name(late, len(statuses), "agent")
+        times, style = [s.time_s for s in found], line_style(k)
+        p50, p99 = ([getattr(s.tick, f"late_p{p}_ms") for s in found] for p in (50, 99))
+        panels[0].plot(times, p50, linewidth=0.6, **style)
+        panels[0].plot(times, p99, linewidth=1.4, label=str(agent), **style)
+        for axes in panels[1:]:
+            axes.plot(times, skipped[k], linewidth=1.0, **style)
+    _name(panels[0], len(statuses), "agent")
     return made
 
 
@@ -231,8 +233,7 @@ FIGURES: Final[tuple[tuple[str, Callable[[RunHistory], Figure | None]], ...]] = 
     ("trajectories", tracks),
     ("min-distance", nearest),
     ("sigma", sigma),
-    ("error-x", error(0)),
-    ("error-y", error(1)),
+    ("error", error),
     ("target", target),
     ("heights", heights),
     ("links", links),
@@ -279,12 +280,31 @@ def _lines(
         return None
     made, axes = figure(title)
     for k, name in enumerate(names):
-        style = {"linewidth": 1.0 if len(names) <= _NAMED else 0.3, **line_style(k)}
+        style = {"linewidth": _width(len(names)), **line_style(k)}
         axes.plot(history.flight.time_s, values[:, k], label=str(name), **style)
     axes.set_xlabel("mission time [s]")
     _name(axes, len(names), what)
     bounds(axes, limits)
     return made
+
+
+def _panels(title: str, labels: Collection[str]) -> tuple[Figure, list[Axes]]:
+    """One above the other over mission time, each with its label."""
+    made, panels = grid(title, len(labels), 1, 5.2, 1.1 + 1.55 * len(labels))
+    for axes, label in zip(panels, labels, strict=True):
+        axes.set_ylabel(label)
+    panels[-1].set_xlabel("mission time [s]")
+    return made, panels
+
+
+def _any(lines: Iterable[Sequence[float]]) -> bool:
+    """A line has another value than 0."""
+    return any(any(line) for line in lines)
+
+
+def _width(count: int) -> float:
+    """Of so many lines."""
+    return 1.0 if count <= _NAMED else 0.3
 
 
 def _name(axes: Axes, count: int, what: str) -> None:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import base64
 import html
 import io
+import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Final, ParamSpec, TypeVar
 
 from matplotlib.figure import Figure
-from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -24,7 +24,13 @@ from swarm_ctl.report.page.figures import FIGURES, overlay
 from swarm_ctl.report.page.player import player
 from swarm_ctl.report.page.player_parts import script, script_hash, style
 from swarm_ctl.report.page.run_history import RunHistory, read_history
-from swarm_ctl.report.page.summary_table import figures_of, render_summary
+from swarm_ctl.report.page.summary_table import (
+    SummaryFigure,
+    figures_of,
+    opening_of,
+    step_rows,
+    why_so,
+)
 from swarm_ctl.rim import Rim
 from swarm_ctl.runfolder.files import write_whole
 from swarm_ctl.station.picture.journal import JournalLine
@@ -35,25 +41,33 @@ PAGE: Final = "report.html"
 _NOT_DRAWN: Final = "<p>This can't be drawn; the notes say why.</p>"
 _STYLE: Final = """
 :root { color-scheme: light dark; --ink: #1a1a1a; --paper: #fff; --rule: #ddd;
-  --warning: #8a5a00; --error: #b00020; }
+  --well: #1e6914; --warning: #8a5a00; --error: #b00020; }
 @media (prefers-color-scheme: dark) { :root { --ink: #e6e6e6; --paper: #17191c; --rule: #3a3d42;
-  --warning: #f0b34a; --error: #ff8095; } }
+  --well: #8fd08a; --warning: #f0b34a; --error: #ff8095; } }
 body { font: 15px/1.45 system-ui, sans-serif; margin: 2em auto; max-width: 90em; padding: 0 1em;
   color: var(--ink); background: var(--paper); }
-h1 { font-size: 1.5em; } h2 { font-size: 1.15em; margin-top: 2em; }
-pre { background: #f6f6f6; color: #1a1a1a; padding: 1em; overflow-x: auto;
-  font: 13px/1.35 ui-monospace, monospace; }
-.figures { display: grid; gap: 1em;
-  grid-template-columns: repeat(auto-fill, minmax(min(100%, 36em), 1fr)); }
+h1 { font-size: 1.5em; margin: 0; } h2 { font-size: 1.15em; margin-top: 2em; }
+.verdict { border-left: .5em solid var(--rule); padding: .2em 1em; }
+.completed { border-color: var(--well); } .completed strong { color: var(--well); }
+.aborted { border-color: var(--warning); } .aborted strong { color: var(--warning); }
+.failed { border-color: var(--error); } .failed strong { color: var(--error); }
+.verdict strong { text-transform: uppercase; } .verdict p { margin: .3em 0 .8em; }
+dl { display: flex; flex-wrap: wrap; gap: .6em 2.5em; margin: 0; }
+dt { font-size: .85em; opacity: .75; } dd { margin: 0; }
+.sides { display: flex; flex-wrap: wrap; gap: 1em 4em; align-items: start; }
+.figures { columns: 36em; column-gap: 1em; }
+.figures figure { break-inside: avoid; margin-bottom: 1em; }
 figure { margin: 0; background: #fff; color: #1a1a1a; overflow-x: auto; }
 figcaption { padding: .4em .6em 0; font-size: .9em; }
 img { display: block; width: 100%; min-width: 30em; max-width: 52em; height: auto; }
-.broad { grid-column: 1 / -1; } .broad img { max-width: 78em; min-width: 45em; }
+.broad { column-span: all; } .broad img { max-width: 78em; min-width: 45em; }
 table { border-collapse: collapse; }
+.names th { font-weight: normal; opacity: .75; white-space: nowrap; }
 td, th { padding: .25em .8em; border-bottom: 1px solid var(--rule); text-align: left;
   vertical-align: top; }
 .warning { color: var(--warning); } .error { color: var(--error); font-weight: 600; }
 .wide { overflow-x: auto; } .time { text-align: right; white-space: nowrap; }
+@media print { .bar, .hint, input { display: none !important; } h2 { break-after: avoid; } }
 """
 _BROAD: Final = ("velocity",)
 """Figures of many panels."""
@@ -98,12 +112,12 @@ def make_report(folder: Path) -> Path:
     notes = (*parts_of_page.failed, *_notes(history, summary))
     parts = {
         "Flight": flight or _NOT_DRAWN,
-        "Summary": _pre(render_summary(summary)),
-        "Alarms": _alarms(entries, notes),
-        "Figures": _gallery(drawn) if drawn else "<p>There is nothing to draw.</p>",
+        "Alarms and notes": _alarms(entries, notes),
+        "Numbers": f'<div class="sides">{_steps(summary)}{_figures(figures_of(summary))}</div>',
+        "Figures": _gallery(drawn) if drawn else "",
     }
-    title = f"{summary.mission or folder.name}: {summary.outcome}"
-    write_whole(folder / PAGE, _page(title, parts))
+    name = summary.mission or folder.name
+    write_whole(folder / PAGE, _page(f"{name}: {summary.outcome}", _opening(name, summary), parts))
     return folder / PAGE
 
 
@@ -130,8 +144,8 @@ def make_comparison(folders: Sequence[Path], path: Path) -> Path:
             sides = zip(names, made, strict=True)
             parts[name] = _gallery(_side(run, name, figure) for run, figure in sides)
     if parts_of_page.failed:
-        parts["Not drawn"] = _pre("\n".join(parts_of_page.failed))
-    write_whole(path, _page("Runs compared", parts))
+        parts["Not drawn"] = "".join(f"<p>{_text(words)}</p>" for words in parts_of_page.failed)
+    write_whole(path, _page("Runs compared", "<h1>Runs compared</h1>", parts))
     return path
 
 
@@ -163,7 +177,10 @@ def _summary(folder: Path) -> Summary:
 
 def _rows(summaries: Sequence[Summary]) -> list[list[str]]:
     outcome = ["outcome", *(str(summary.outcome) for summary in summaries)]
-    columns = [dict(figures_of(summary)) for summary in summaries]
+    columns = [
+        {name: value for name, value, _ in itertools.chain(opening_of(s), figures_of(s))}
+        for s in summaries
+    ]
     names = list(dict.fromkeys(name for column in columns for name in column))
     return [outcome, *([name, *(column.get(name, "-") for column in columns)] for name in names)]
 
@@ -174,11 +191,43 @@ def _numbers(names: Sequence[str], summaries: Sequence[Summary]) -> str:
     return f'<div class="wide"><table><tr><th></th>{head}</tr>{rows}</table></div>'
 
 
+def _opening(name: str, summary: Summary) -> str:
+    """Verdict and reason, date, duration, smallest distance."""
+    facts = "".join(
+        f"<div><dt>{_text(fact)}</dt><dd{_bad(good)}>{_text(value)}</dd></div>"
+        for fact, value, good in opening_of(summary)
+    )
+    return (
+        f'<header class="verdict {summary.outcome}"><h1>{_text(name)}: '
+        f"<strong>{_text(summary.outcome)}</strong></h1><p>{_text(why_so(summary))}</p>"
+        f"<dl>{facts}</dl></header>"
+    )
+
+
+def _steps(summary: Summary) -> str:
+    heads, *rows = step_rows(summary)
+    head = "".join(f"<th>{_text(words)}</th>" for words in heads)
+    told = "".join(f"<tr>{_cells(row)}</tr>" for row in rows)
+    return f'<div class="wide"><table><tr>{head}</tr>{told}</table></div>' if rows else ""
+
+
+def _figures(figures: Iterable[SummaryFigure]) -> str:
+    rows = "".join(
+        f"<tr><th>{_text(name)}</th><td{_bad(good)}>{_text(value)}</td></tr>"
+        for name, value, good in figures
+    )
+    return f'<div class="wide"><table class="names">{rows}</table></div>'
+
+
+def _bad(good: bool) -> str:
+    return "" if good else ' class="error"'
+
+
 def _alarms(entries: Iterable[JournalLine], notes: Sequence[str]) -> str:
     rows = [_alarm(entry) for entry in entries]
     said = (_cells(("", "note", note)) for note in dict.fromkeys(notes))
     rows += [f'<tr class="warning"><td></td>{cells}</tr>' for cells in said]
-    return f'<div class="wide"><table>{"".join(rows)}</table></div>' if rows else "<p>None.</p>"
+    return f'<div class="wide"><table>{"".join(rows)}</table></div>' if rows else ""
 
 
 def _alarm(entry: JournalLine) -> str:
@@ -196,12 +245,6 @@ def _cells(texts: Iterable[str]) -> str:
 def _text(text: str) -> str:
     """Any text as HTML: markup and control characters are escaped."""
     return html.escape(printable(text, 1000))
-
-
-def _pre(what: RenderableType) -> str:
-    console = Console(record=True, width=110, file=io.StringIO(), force_terminal=True)
-    console.print(what)
-    return console.export_html(inline_styles=True, code_format="<pre>{code}</pre>")
 
 
 def _gallery(figures: Iterable[str]) -> str:
@@ -228,8 +271,9 @@ def _image(png: bytes, name: str, caption: str = "") -> str:
     return f'<figure{broad}>{above}<img alt="{alt}" title="{alt}" src="{source}"></figure>'
 
 
-def _page(title: str, parts: Mapping[str, str]) -> str:
-    """A whole page; `parts` are HTML by their headings."""
+def _page(title: str, opening: str, parts: Mapping[str, str]) -> str:
+    """A whole page; `opening` is HTML, and so are `parts` by their headings; empty ones are left
+    out."""
     found = ((heading, part) for heading, part in parts.items() if part)
     body = "".join(f"<h2>{_text(heading)}</h2>{part}" for heading, part in found)
     policy = (
@@ -241,5 +285,5 @@ def _page(title: str, parts: Mapping[str, str]) -> str:
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
         f"<title>{_text(title)}</title><style>{_STYLE}{style()}</style></head>"
-        f"<body><h1>{_text(title)}</h1>{body}</body></html>\n"
+        f"<body>{opening}{body}</body></html>\n"
     )

@@ -1,12 +1,12 @@
-"""The summary as tables for a terminal; a word says what each colour says."""
+"""The summary in words: some lines for a terminal, rows for a page."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
-from rich.console import Group, RenderableType
-from rich.table import Table
+from rich.console import Group
 from rich.text import Text
 
 from swarm_ctl.core.model.messages import Outcome
@@ -30,12 +30,15 @@ _STYLE: Final = {
 }
 _FORMS, _NOTES, _STEPS = 2, 3, 66
 """Form steps that are told, notes of a flight that was not completed, characters of all steps."""
-_STEP_STYLE: Final = {StepVerdict.DONE: "green", StepVerdict.NOT_REACHED: "dim"}
 
 
-def render_summary(summary: Summary) -> RenderableType:
-    """Outcome, steps and figures as rich tables; fits into 80 columns."""
-    return Group(_heading(summary), "", _steps(summary), "", _figures(summary), *_remarks(summary))
+class SummaryFigure(NamedTuple):
+    """A figure in words, safe to print."""
+
+    name: str
+    value: str
+    good: bool = True
+    """It is as it should be."""
 
 
 def brief(summary: Summary) -> Group:
@@ -75,8 +78,7 @@ def brief(summary: Summary) -> Group:
 def _opening(summary: Summary) -> Text:
     """The mission, how it ended, and why or by whose word."""
     flown = f" in {summary.mission_time_s:.1f} s" if summary.mission_time_s is not None else ""
-    why = summary.reason or f"judged {_judged_by(summary)}"
-    why = f"{left_words(summary)}; {why}" if summary.left else why
+    why = why_so(summary)
     own = f" (own law {printable(summary.own_law.partition('@')[0])})" if summary.own_law else ""
     text = Text.assemble(
         f"{printable(summary.mission or 'mission')}{own}: ",
@@ -138,9 +140,14 @@ def _took_s(step: StepSummary) -> float | None:
 
 def verdict_line(summary: Summary) -> Text:
     """The verdict in one line, with its reason or by what it was judged."""
+    why = printable(why_so(summary), 1000)
+    return Text(f"{summary.outcome}: {why}", style=_STYLE[summary.outcome])
+
+
+def why_so(summary: Summary) -> str:
+    """The reason of the verdict, or by what it was judged; before that, who left."""
     why = summary.reason or f"judged {_judged_by(summary)}"
-    why = f"{left_words(summary)}; {why}" if summary.left else why
-    return Text(f"{summary.outcome}: {printable(why, 1000)}", style=_STYLE[summary.outcome])
+    return f"{left_words(summary)}; {why}" if summary.left else why
 
 
 def left_words(summary: Summary) -> str:
@@ -152,34 +159,16 @@ def left_words(summary: Summary) -> str:
     return f"without {', '.join(told)}" if told else ""
 
 
-def _heading(summary: Summary) -> Text:
-    text = Text.assemble(
-        f"{printable(summary.mission or 'mission')}: ",
-        (summary.outcome.upper(), _STYLE[summary.outcome]),
-    )
-    return text.append(f"  {printable(summary.reason, 1000)}") if summary.reason else text
-
-
-def _steps(summary: Summary) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+def step_rows(summary: Summary) -> list[list[str]]:
+    """The steps, headings first."""
     groups = any(step.group for step in summary.steps)
-    if groups:
-        table.add_column("group")
-    table.add_column("step")
-    table.add_column("result")
-    table.add_column(Text("from [s]"), justify="right")
-    table.add_column(Text("to [s]"), justify="right")
-    table.add_column("not done")
+    rows = [["group"] * groups + ["step", "result", "from [s]", "to [s]", "not done"]]
     for step in summary.steps:
-        table.add_row(
-            *[Text(printable(step.group))] * groups,
-            Text(printable(step.name)),
-            Text(step.result, style=_STEP_STYLE.get(step.result, "red")),
-            _number(step.start_s, 1),
-            _number(step.end_s, 1),
-            Text(_exceptions(step)),
-        )
-    return table
+        times = (_number(step.start_s, 1), _number(step.end_s, 1))
+        told = [step.name, str(step.result), *times, _exceptions(step)]
+        rows.append([printable(text) for text in [step.group] * groups + told])
+    bare = not any(row[-1] for row in rows[1:])
+    return [row[:-1] for row in rows] if bare else rows
 
 
 def _exceptions(step: StepSummary) -> str:
@@ -189,62 +178,66 @@ def _exceptions(step: StepSummary) -> str:
     return "; ".join(f"{ranges(ids)} {result}" for result, ids in by_result.items())
 
 
-def _figures(summary: Summary) -> Table:
-    table = Table.grid(padding=(0, 2, 0, 0))
-    table.add_column(style="dim")
-    table.add_column()
-    for name, value, good in _rows(summary):
-        table.add_row(name, Text(value, style="" if good else "bold red"))
-    return table
+def opening_of(s: Summary) -> Iterator[SummaryFigure]:
+    """What a report begins with: when it was, how long, who flew, and how near they came."""
+    at = printable(s.started_at or "")
+    if at[:4] > "1970":  # there the virtual clock begins
+        zone = "UTC" if at.endswith(("Z", "+00:00")) else f"UTC{at[-6:]}"
+        yield SummaryFigure("date", f"{at[:10]} {at[11:16]} {zone}")
+    if (flown_s := s.mission_time_s) is not None:
+        wall_s = flown_s if s.wall_time_s is None else s.wall_time_s
+        slow = (
+            "" if math.isclose(wall_s, flown_s, rel_tol=0.01) else f" ({wall_s:.1f} s wall clock)"
+        )
+        yield SummaryFigure("duration", f"{flown_s:.1f} s{slow}")
+    yield SummaryFigure("agents", str(len(s.agents)))
+    yield from _nearest(s)
 
 
-def figures_of(summary: Summary) -> Iterator[tuple[str, str]]:
-    """(name, value) of each figure."""
-    return ((name, value) for name, value, _ in _rows(summary))
-
-
-def _rows(s: Summary) -> Iterator[tuple[str, str, bool]]:
-    """(name, value, whether it is as it should be); values are safe to print."""
-    left_m = s.formation_error_m
+def figures_of(s: Summary) -> Iterator[SummaryFigure]:
+    """All further figures that are known."""
     if s.left:
-        yield "left by order", left_words(s).removeprefix("without "), True
+        yield SummaryFigure("left by order", left_words(s).removeprefix("without "))
     formed = ", ".join(
         f"{_whose(each)}{printable(each.name).removeprefix('form ')} {each.time_to_form_s:.1f} s"
         for each in s.steps
         if each.time_to_form_s is not None
     )
-    yield "time to form", formed or "-", True
-    yield "formation error", "-" if left_m is None else f"{left_m:.2f} m before the landing", True
-    yield from _nearest(s)
+    if formed:
+        yield SummaryFigure("time to form", formed)
+    if s.formation_error_m is not None:
+        yield SummaryFigure("formation error", f"{s.formation_error_m:.2f} m before the landing")
     yield from _longest(s)
     if s.truth is not None and s.truth.collisions:
-        yield "collisions", f"sysid {ranges(s.truth.collisions)}", False
+        yield SummaryFigure("collisions", f"sysid {ranges(s.truth.collisions)}", False)
     if s.safety is not None:
-        yield "filter", _filter(s.safety), True
-    sigma = ", ".join(f"{printable(name)} {count}" for name, count in s.sigma_status.items())
-    yield "sigma", sigma or "-", not s.overspeed
-    yield "setpoints", f"{_number(s.setpoint_rate_hz, 2)} Hz (slowest agent)", True
+        yield SummaryFigure("filter", _filter(s.safety))
+    if any(s.sigma_status.values()):
+        counts = (f"{printable(name)} {count}" for name, count in s.sigma_status.items() if count)
+        yield SummaryFigure("sigma", ", ".join(counts), not s.overspeed)
+    if s.setpoint_rate_hz is not None:
+        yield SummaryFigure("setpoints", f"{s.setpoint_rate_hz:.2f} Hz (slowest agent)")
     late = f"p50 {s.tick.late_p50_ms:.2f} ms, p99 {s.tick.late_p99_ms:.2f} ms late"
-    yield "ticks", f"{late}, {s.tick.overruns} overruns", True
-    yield "mesh", mesh_words(len(s.agents), routed=bool(s.routers)), True
-    yield "state age", _ages(s), True
-    yield "loss", _loss(s), True
+    yield SummaryFigure("ticks", f"{late}, {s.tick.overruns} overruns")
+    yield SummaryFigure("mesh", mesh_words(len(s.agents), routed=bool(s.routers)))
+    yield from _heard(s)
     if s.exit_codes is not None:
         bad = ", ".join(_bad_ends(s.exit_codes))
-        yield "exit codes", bad or f"{len(s.exit_codes)} processes, all 0", not bad
+        yield SummaryFigure("exit codes", bad or f"{len(s.exit_codes)} processes, all 0", not bad)
     if words := _protection(s):
-        yield "protection", _told(words), all(good for _, good in words)
-    flown_s, wall_s = _number(s.mission_time_s, 1), _number(s.wall_time_s, 1)
-    wall = f", {wall_s} s wall clock" if s.wall_time_s is not None else ""
-    yield "time", f"{flown_s} s mission{wall}", True
+        yield SummaryFigure("protection", _told(words), all(good for _, good in words))
+    if version := s.versions.get("swarm-ctl"):
+        commit = f", commit {known}" if (known := s.versions.get("commit")) else ""
+        yield SummaryFigure("swarm-ctl", printable(f"{version}{commit}"))
 
 
-def _longest(s: Summary) -> Iterator[tuple[str, str, bool]]:
+def _longest(s: Summary) -> Iterator[SummaryFigure]:
     """A link longer than `r` is out of the proof's range; it breaks nothing by itself."""
     long_m, r_m = s.longest_link_m, s.r_m
-    kept = long_m is None or r_m is None or long_m <= r_m
-    told = _distance(long_m, s.longest_link_pair, "r", r_m, kept, over="over")
-    yield "longest link", told, kept or s.outcome is Outcome.COMPLETED
+    if long_m is not None:
+        kept = r_m is None or long_m <= r_m
+        told = _distance(long_m, s.longest_link_pair, "r", r_m, kept, over="over")
+        yield SummaryFigure("longest link", told, kept or s.outcome is Outcome.COMPLETED)
 
 
 def _told(words: list[tuple[str, bool]]) -> str:
@@ -259,22 +252,23 @@ def _protection(s: Summary) -> list[tuple[str, bool]]:
     return protection_words(told, len(by.authenticated), len(by.signed), len(s.agents))
 
 
-def _nearest(s: Summary) -> Iterator[tuple[str, str, bool]]:
+def _nearest(s: Summary) -> Iterator[SummaryFigure]:
     estimated = [agent for agent, source in s.judged_by.items() if source is TrackSource.ESTIMATES]
     # a summary of an earlier version has the truth's alone
     both = ((s.min_distance_m, s.min_distance_pair), (s.min_true_distance_m, s.min_true_pair))
     told = [(distance_m, pair) for distance_m, pair in both if distance_m is not None]
-    near_m, pair = min(told, key=lambda found: found[0], default=(None, None))
-    kept = near_m is None or s.r_in_m is None or near_m >= s.r_in_m
-    name = "smallest distance" if estimated else "smallest true distance"
-    doubt = f" ± {s.min_distance_doubt_m:.2f} m" if s.min_distance_doubt_m else ""
-    yield name, _distance(near_m, pair, "r_in", s.r_in_m, kept, doubt), kept
+    if told:
+        near_m, pair = min(told, key=lambda found: found[0])
+        kept = s.r_in_m is None or near_m >= s.r_in_m
+        name = "smallest distance" if estimated else "smallest true distance"
+        doubt = f" ± {s.min_distance_doubt_m:.2f} m" if s.min_distance_doubt_m else ""
+        yield SummaryFigure(name, _distance(near_m, pair, "r_in", s.r_in_m, kept, doubt), kept)
     if s.nearest_zone is not None:
         zone = s.nearest_zone
         near = f"{zone.distance_m:.2f} m (agent {zone.agent}, zone {printable(zone.zone)})"
-        yield "nearest zone", near, zone.distance_m > 0.0
+        yield SummaryFigure("nearest zone", near, zone.distance_m > 0.0)
     if estimated:
-        yield "judged", _judged_by(s), True
+        yield SummaryFigure("judged", _judged_by(s))
 
 
 def _judged_by(s: Summary) -> str:
@@ -295,41 +289,30 @@ def _filter(safety: SafetySummary) -> str:
 
 
 def _distance(
-    value: float | None,
+    value_m: float,
     pair: AgentPair | None,
     name: str,
-    bound: float | None,
+    bound_m: float | None,
     kept: bool,
     doubt: str = "",
     over: str = "BREAKS",
 ) -> str:
-    if value is None:
-        return "-"
     agents = f"agents {pair[0]}-{pair[1]}, " if pair else ""
-    return (
-        f"{value:.2f} m{doubt} ({agents}{'' if kept else f'{over} '}{name} {_number(bound, 2)} m)"
-    )
+    bound = f"{'' if kept else f'{over} '}{name} {_number(bound_m, 2)} m"
+    return f"{value_m:.2f} m{doubt} ({agents}{bound})"
 
 
-def _ages(s: Summary) -> str:
+def _heard(s: Summary) -> Iterator[SummaryFigure]:
+    """Ages and losses of the links."""
     worst = max(s.links, key=lambda link: link.age_p99_s or 0.0, default=None)
-    if worst is None or worst.age_p99_s is None:
-        return "-"
-    p50 = max(link.age_p50_s or 0.0 for link in s.links)
-    link = f"worst link: {worst.sender} to {worst.receiver}"
-    return f"p50 {p50:.3f} s, p99 {worst.age_p99_s:.3f} s ({link})"
-
-
-def _loss(s: Summary) -> str:
+    if worst is not None and worst.age_p99_s is not None:
+        p50 = max(link.age_p50_s or 0.0 for link in s.links)
+        link = f"worst link: {worst.sender} to {worst.receiver}"
+        yield SummaryFigure("state age", f"p50 {p50:.3f} s, p99 {worst.age_p99_s:.3f} s ({link})")
     received, lost = sum(x.received for x in s.links), sum(x.lost for x in s.links)
-    return (
-        f"{lost} of {received + lost} states ({lost / (received + lost):.2%})" if received else "-"
-    )
-
-
-def _remarks(summary: Summary) -> Iterator[Text]:
-    for note in (*summary.warnings, *summary.notes):
-        yield Text(f"! {printable(note, 1000)}", style="yellow")
+    if received:
+        share = lost / (received + lost)
+        yield SummaryFigure("loss", f"{lost} of {received + lost} states ({share:.2%})")
 
 
 def _bad_ends(exit_codes: Mapping[str, int]) -> Iterator[str]:

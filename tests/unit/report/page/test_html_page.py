@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -122,14 +123,46 @@ def test_the_page_needs_nothing_beside_it(reported: Path) -> None:
 
 
 def test_summary_and_alarms_are_told(reported: Path) -> None:
-    """The outcome, each figure's number, the station's alarms and the agents' warnings; plain
+    """The smallest distance, the station's alarms and the agents' warnings; plain
     events are none."""
     text = re.sub(r"<[^>]+>", " ", (reported / PAGE).read_text())
-    assert "COMPLETED" in text
     assert f"{true_minimum()[0]:.2f} m" in text
     assert re.search(r"25\.0 s\s+agent 2\s+vehicle\s+EKF variance", text)
     assert re.search(r"3\d\.\d s\s+agent 4\s+alarm\s+agent 4: battery at 10 %", text)
     assert "ended: completed" not in text
+
+
+def test_a_report_begins_with_the_verdict(reported: Path) -> None:
+    """Its reason, the date, how long it was, the smallest distance: all before the player."""
+    opening = re.sub(r"<[^>]+>", " ", (reported / PAGE).read_text().partition("<h2>")[0])
+    told = " ".join(opening.partition("</style>")[2].split() or opening.split())
+    assert "hexagon: completed judged by the simulator's truth" in told.replace("&#x27;", "'")
+    assert re.search(r"date 20\d\d-\d\d-\d\d \d\d:\d\d UTC", told)
+    assert re.search(r"duration \d+\.\d s", told)
+    assert f"smallest true distance {true_minimum()[0]:.2f} m" in told
+
+
+@pytest.mark.usefixtures("quick")
+def test_what_is_empty_is_not_on_the_page(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No heading without alarms and notes, no panel of what was 0 throughout, no figure that is
+    not known."""
+    assert "Alarms and notes" in make_report(run).read_text()
+    monkeypatch.setattr("swarm_ctl.report.page.html_page._log", lambda *_: [])
+    page = make_report(run).read_text()
+    assert "Alarms and notes" not in page
+    assert "<td>-</td>" not in page
+    history = read_history(run)
+    drawn = {name: draw(history) for name, draw in FIGURES}
+    labels = {name: [x.get_ylabel() for x in made.axes] for name, made in drawn.items() if made}
+    assert labels["ticks"] == ["late [ms, wall clock]"]
+    assert labels["mesh"] == ["oldest state [s]", "lost so far [%]"]
+    for found in history.heard.statuses.values():
+        found[:] = [
+            replace(s, links={i: replace(x, lost=0) for i, x in s.links.items()}) for s in found
+        ]
+    (mesh,) = (draw(history) for name, draw in FIGURES if name == "mesh")
+    assert mesh is not None
+    assert [axes.get_ylabel() for axes in mesh.axes] == ["oldest state [s]"]
 
 
 @pytest.mark.usefixtures("quick")
@@ -150,7 +183,7 @@ def test_without_truth_or_recording_the_rest_is_drawn(run: Path) -> None:
     assert "figures of messages are left out" in page
     assert "vehicle: EKF variance" in page
     assert {path.stem for path in (run / "figures").iterdir()} == {
-        "trajectories", "min-distance", "error-x", "error-y", "links",
+        "trajectories", "min-distance", "error", "links",
     }  # fmt: skip
 
 
@@ -225,7 +258,7 @@ def test_compare_needs_two_and_shows_both(run: Path, tmp_path: Path) -> None:
     page = Outside()
     page.feed(text)
     assert page.fetched == []
-    assert page.images == 1 + len(DRAWN) + 5
+    assert page.images == 1 + len(DRAWN) + 4
     assert re.search(r"<th>run</th><th>other</th>", text)
     with pytest.raises(InputError, match="two or more"):
         make_comparison([run], tmp_path / "compare.html")
