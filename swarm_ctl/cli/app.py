@@ -27,9 +27,7 @@ from swarm_ctl.cli.flight.target import target
 from swarm_ctl.cli.hosts.deploy import deploy
 from swarm_ctl.cli.hosts.hosts import hosts
 from swarm_ctl.cli.hosts.on_host import on_host
-from swarm_ctl.cli.missions.missions import missions
-from swarm_ctl.cli.missions.plan import plan
-from swarm_ctl.cli.missions.schema import schema
+from swarm_ctl.cli.missions.missions import missions, plan, schema
 from swarm_ctl.cli.missions.zones import zones
 from swarm_ctl.cli.results.replay import replay
 from swarm_ctl.cli.results.report import compare, report
@@ -38,8 +36,7 @@ from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.options import filled
 from swarm_ctl.cli.studies.fuzz import fuzz
 from swarm_ctl.cli.studies.law import law
-from swarm_ctl.cli.studies.paper import paper
-from swarm_ctl.cli.studies.study import options_of_study, study
+from swarm_ctl.cli.studies.study import options_of_study, paper, study
 from swarm_ctl.engine.system import FLYING, GROUND_ALONE, lacks, refuse_without
 from swarm_ctl.errors import InputError, SwarmError
 from swarm_ctl.installed import commit, require, version

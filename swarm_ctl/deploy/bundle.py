@@ -1,7 +1,7 @@
 """A bundle: all that one host needs of a swarm, in one tar that goes there whole.
 
 The plan with its hash, the keys of the host's agents and router, and a manifest. It is
-data: the host itself makes its units (`units.py`), and nothing of a bundle becomes a command. Its
+data: the host itself makes its units (`services.py`), and nothing of it becomes a command. Its
 digest names it: two bundles of one digest are the same byte for byte.
 """
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import importlib.util
 import os
 import shutil
 import sys
@@ -30,9 +31,7 @@ from swarm_ctl.deploy.bundle import KEYS, MANIFEST, Bundle
 from swarm_ctl.deploy.logs import last_line, pack_logs
 from swarm_ctl.deploy.manifest import ROOT, BundleManifest, Service
 from swarm_ctl.deploy.report import HostReport, ReportedState, ServiceReport
-from swarm_ctl.deploy.serial_port import serial_port
-from swarm_ctl.deploy.services import Services, services_of
-from swarm_ctl.deploy.units import units_of
+from swarm_ctl.deploy.services import Services, services_of, units_of
 from swarm_ctl.engine.clock import date_and_time, pause, wall_s
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.files import read_bytes
@@ -245,3 +244,17 @@ def _program() -> Path:
     if not Path(found).exists():
         raise StartError(f"{found}: is not there; allowed: swarm-ctl in the PATH of this host")
     return Path(found).absolute()
+
+
+def serial_port(endpoint: str) -> Iterator[str]:
+    """Why this user can't speak on the serial port of an endpoint."""
+    kind, _, rest = endpoint.partition(":")
+    device = Path(rest.partition(":")[0])
+    if kind != "serial":
+        return
+    if importlib.util.find_spec("serial") is None:
+        yield "pyserial is missing: pip install 'swarm-ctl[serial]'"
+    if not device.exists():
+        yield f"{device} is not there: is the autopilot on, and plugged in?"
+    elif not os.access(device, os.R_OK | os.W_OK):
+        yield f"{device} is not this user's: sudo usermod -aG {device.group()} $USER, log in again"

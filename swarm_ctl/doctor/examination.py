@@ -6,18 +6,22 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
-from swarm_ctl.core.model.fleet import FleetAgent
+from swarm_ctl.core.model.fleet import Fleet, FleetAgent
 from swarm_ctl.core.model.own_parameters import OwnValue
 from swarm_ctl.core.model.vehicle import VehicleView
 from swarm_ctl.engine.link_keys import OPEN, LinkKeys
 from swarm_ctl.engine.ticker import Ticker
 from swarm_ctl.engine.vehicle_memory import RememberedVehicle, VehicleMemory
-from swarm_ctl.errors import LinkError
+from swarm_ctl.errors import InputError, LinkError
 from swarm_ctl.mavlink.autopilots.failsafe_words import NAMES, failsafe_words
 from swarm_ctl.mavlink.link import Examined, VehicleLink
 from swarm_ctl.mavlink.signing import LinkSigning
+from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.mission.fleet.fleet_file import read_fleet
+from swarm_ctl.mission.input import yaml_file
 
 ANSWERS_S = 3.0
 """A parameter that was asked for this long after the vehicle was first heard is not there."""
@@ -252,3 +256,29 @@ class _Exam:
 
 def _shown(row: ParameterRow) -> str:
     return "not there" if row.value is None else f"{row.value:g}"
+
+
+def fleet_in(path: Path) -> Fleet:
+    """The fleet of a fleet file or a mission; MissionError with every mistake in the file."""
+    return load(path).fleet if is_mission(path) else read_fleet(path)
+
+
+def is_mission(path: Path) -> bool:
+    """Whether it is a mission and no fleet file; MissionError where it can't be read."""
+    data = yaml_file.read(path, what="fleet").data
+    return isinstance(data, dict) and "steps" in data
+
+
+def vehicles_of(path: Path) -> Fleet:
+    """The fleet of a fleet file or a mission, with those alone that have an endpoint.
+
+    InputError where there are none, MissionError with every mistake in the file.
+    """
+    fleet = fleet_in(path)
+    found = tuple(agent for agent in fleet.agents if agent.endpoint)
+    if not found:
+        raise InputError(
+            f"{path}: no vehicle has an endpoint: run provides them all;"
+            " allowed: a fleet with an endpoint for each vehicle to ask"
+        )
+    return replace(fleet, agents=found)

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import Field
 
 from swarm_ctl.mission.input.units import in_units
-from swarm_ctl.mission.sections.fleet_section import FleetSection
+from swarm_ctl.mission.sections.fleet_section import FleetSection, VehicleSection
 from swarm_ctl.mission.sections.mission_sections import (
     AgentEntry,
     FenceSection,
@@ -19,14 +19,13 @@ from swarm_ctl.mission.sections.mission_sections import (
     OriginSection,
     PolicySection,
     SafetySection,
+    TargetSection,
     WakeSection,
+    ZoneSection,
 )
 from swarm_ctl.mission.sections.section import AgentId, Links, Name, Section, Timeout
 from swarm_ctl.mission.sections.shape_sections import Shape
 from swarm_ctl.mission.sections.simulation_section import SimulationSection
-from swarm_ctl.mission.sections.target_sections import TargetSection
-from swarm_ctl.mission.sections.vehicle_section import VehicleSection
-from swarm_ctl.mission.sections.zone_sections import ZoneSection
 from swarm_ctl.mission.steps.table import LAST, StepEntry
 
 _R_OUT_UNITS: Final = 1.5

@@ -26,8 +26,7 @@ from swarm_ctl.runfolder.manifest import Manifest, package_versions, write_manif
 from swarm_ctl.runfolder.run_folder import RunFolder, flown, zone_spells
 from swarm_ctl.runfolder.truth import TRUTH, Truth, truth_line, truth_of
 from swarm_sim.config import SimConfig
-from swarm_sim.world.truth_file import TruthFile
-from swarm_sim.world.truth_recorder import TruthRecorder
+from swarm_sim.world.truth_recorder import TruthFile, TruthRecorder
 from swarm_sim.world.world import World
 
 _SWARM: Final = "virtual"

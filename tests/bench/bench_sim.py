@@ -29,7 +29,7 @@ from swarm_sim.firmware.message import Message
 from swarm_sim.network.codec import Codec
 from swarm_sim.network.hub import Hub
 from swarm_sim.physics.response import ArdupilotResponse
-from swarm_sim.world.vehicle_group import VehicleGroup
+from swarm_sim.world.sim_vehicle import VehicleGroup
 from swarm_sim.world.world import STEP_S
 from tests.unit.sim.harness import config
 

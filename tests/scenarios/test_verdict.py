@@ -19,8 +19,7 @@ from swarm_ctl.report.judge.summary import Summary
 from swarm_ctl.runfolder.manifest import Manifest, write_manifest
 from swarm_sim.config import SimConfig
 from swarm_sim.firmware.message import Message
-from swarm_sim.world.truth_file import TruthFile
-from swarm_sim.world.truth_recorder import TruthRecorder
+from swarm_sim.world.truth_recorder import TruthFile, TruthRecorder
 from tests.on_demand import on_demand
 from tests.scenarios.swarm import VirtualSwarm, landing_fast
 

@@ -21,8 +21,7 @@ from swarm_ctl.mission.compile.plan_file import plan_to_json
 from swarm_ctl.runfolder.manifest import read_manifest
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm, configuration
 from swarm_sim.network.server import DRAIN_S
-from swarm_sim.world.truth_file import TruthFile
-from swarm_sim.world.truth_recorder import TruthRecorder
+from swarm_sim.world.truth_recorder import TruthFile, TruthRecorder
 from tests.on_demand import on_demand
 from tests.system.conftest import Typed
 from tests.system.running import HEXAGON, LOW, ROOT, Running

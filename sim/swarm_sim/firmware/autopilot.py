@@ -11,12 +11,10 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
 
-from swarm_sim.firmware.flying.battery import Battery
-from swarm_sim.firmware.flying.geofence import Geofence
 from swarm_sim.firmware.flying.maneuvers import (
     Demand,
     FlightStyle,
@@ -29,7 +27,6 @@ from swarm_sim.firmware.flying.maneuvers import (
 )
 from swarm_sim.firmware.flying.mission_items import FENCE, MissionItem, MissionLists
 from swarm_sim.firmware.flying.position_target import Axes, PositionTarget, moved
-from swarm_sim.firmware.gps_jump import GpsJump
 from swarm_sim.firmware.message import (
     MAV_TYPE_GCS,
     LandedState,
@@ -38,8 +35,12 @@ from swarm_sim.firmware.message import (
     MavSeverity,
     Message,
 )
-from swarm_sim.firmware.parameters.fault_parameters import SIM_DEFAULTS
-from swarm_sim.firmware.parameters.parameter_set import Encoding, Parameters, TypedValue
+from swarm_sim.firmware.parameters.parameter_set import (
+    SIM_DEFAULTS,
+    Encoding,
+    Parameters,
+    TypedValue,
+)
 from swarm_sim.firmware.streams import Streams
 from swarm_sim.physics.geodesy import GeodeticPoint, TangentPlane, Vector3
 
@@ -462,3 +463,115 @@ class SimAutopilot(ABC):
         """COMMAND_ACK to the client that asked."""
         target = {"target_system": to[0], "target_component": to[1]}
         self.say("COMMAND_ACK", {"command": command, "result": int(result)} | target, private=True)
+
+
+_FULL_V, _EMPTY_V = 12.6, 10.5
+_FAILED_V = 9.0
+_IDLE_A, _FLYING_A = 0.5, 9.0
+
+
+@dataclass(slots=True)
+class Battery:
+    """A three-cell pack; voltage falls linearly with the charge used."""
+
+    capacity_mah: float
+    used_mah: float = 0.0
+    current_a: float = _IDLE_A
+    failed: bool = False
+
+    @property
+    def voltage_v(self) -> float:
+        """Voltage under load."""
+        if self.failed:
+            return _FAILED_V
+        left = max(0.0, 1.0 - self.used_mah / self.capacity_mah)
+        return _EMPTY_V + (_FULL_V - _EMPTY_V) * left
+
+    def percent(self) -> int:
+        """Charge left, 0..100."""
+        if self.failed:
+            return 0
+        return max(0, min(100, round(100.0 * (1.0 - self.used_mah / self.capacity_mah))))
+
+    @property
+    def left_mah(self) -> float:
+        """Charge left."""
+        return 0.0 if self.failed else max(0.0, self.capacity_mah - self.used_mah)
+
+    def drain(self, dt: float, *, flying: bool, factor: float = 1.0) -> None:
+        """Takes what `dt` seconds cost."""
+        self.current_a = (_FLYING_A if flying else _IDLE_A) * factor
+        self.used_mah += self.current_a * dt / 3.6
+
+
+_INSIDE, _OUTSIDE, _CIRCLE_INSIDE, _CIRCLE_OUTSIDE = 5001, 5002, 5003, 5004
+Place = tuple[float, float]
+
+
+class Geofence:
+    """Which places a vehicle's fence forbids; `place` gives (north, east) [m] of an item."""
+
+    def __init__(self, items: Sequence[MissionItem], place: Callable[[MissionItem], Place]) -> None:
+        self._polygons: list[tuple[bool, list[Place]]] = []
+        self._circles: list[tuple[bool, Place, float]] = []
+        k = 0
+        while k < len(items):
+            item = items[k]
+            if item.command in (_INSIDE, _OUTSIDE):
+                count = max(1, round(item.p[0]))
+                corners = [place(each) for each in items[k : k + count]]
+                self._polygons.append((item.command == _INSIDE, corners))
+                k += count
+                continue
+            if item.command in (_CIRCLE_INSIDE, _CIRCLE_OUTSIDE):
+                inside = item.command == _CIRCLE_INSIDE
+                self._circles.append((inside, place(item), item.p[0]))
+            k += 1
+
+    def breached(self, at: Place) -> bool:
+        """It is out of an area to stay inside of, or in one to keep out of."""
+        polygons = (_within(corners, at) is not inside for inside, corners in self._polygons)
+        circles = ((math.dist(at, c) < r) is not inside for inside, c, r in self._circles)
+        return any(polygons) or any(circles)
+
+
+def _within(corners: Sequence[Place], at: Place) -> bool:
+    north, east = at
+    odd = False
+    for (n1, e1), (n2, e2) in zip(corners, (*corners[1:], corners[0]), strict=True):
+        if (e1 > east) != (e2 > east) and north < n1 + (east - e1) / (e2 - e1) * (n2 - n1):
+            odd = not odd
+    return odd
+
+
+RATIO_PER_M = 0.265
+"""Of the horizontal test ratio: over 1 (3.8 m) the estimator refuses the GPS."""
+_REFUSES_S, _FLAGGED_S = 7.0, (1.5, 17.0)
+"""Until it takes the new place after all; from when until when it flags a glitch."""
+
+
+class GpsJump:
+    """What an estimator says after its GPS has jumped (SIM_GPS_JUMP_*), timed on a real ArduCopter
+    4.7 (4.4 m)."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._parameters = parameters
+        self._place = self._read()
+        self._since_s, self._ratio = -math.inf, 0.0
+
+    def ratio(self, now: float) -> float:
+        """The horizontal position's test ratio; a small jump is taken at once."""
+        place = self._read()
+        if place != self._place:
+            self._since_s, self._ratio = now, RATIO_PER_M * math.dist(place, self._place)
+            self._place = place
+        lasts_s = _REFUSES_S if self._ratio > 1.0 else 0.5
+        return max(0.01, self._ratio) if now - self._since_s < lasts_s else 0.01
+
+    def flagged(self, now: float) -> bool:
+        """Whether it says that there is a glitch."""
+        return self._ratio > 1.0 and _FLAGGED_S[0] <= now - self._since_s < _FLAGGED_S[1]
+
+    def _read(self) -> Vector3:
+        north, east, down = (self._parameters[f"SIM_GPS_JUMP_{axis}"] for axis in "NED")
+        return north, east, down

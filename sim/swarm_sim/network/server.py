@@ -22,8 +22,7 @@ from swarm_sim.network.hub import Hub
 from swarm_sim.network.lockstep import Barrier, KeeperGoneError, TickWord
 from swarm_sim.network.signing import VehicleSigning, read_key
 from swarm_sim.network.sockets import Address, VehicleSocket, open_socket
-from swarm_sim.world.truth_file import TruthFile
-from swarm_sim.world.truth_recorder import TruthRecorder
+from swarm_sim.world.truth_recorder import TruthFile, TruthRecorder
 from swarm_sim.world.world import STEP_S
 
 log = logging.getLogger("sim")

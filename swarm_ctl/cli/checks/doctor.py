@@ -83,7 +83,7 @@ def _machine(*, as_json: bool) -> int:
 def _vehicles(fleet: Path, identity: Path | None, *, is_open: bool) -> tuple[Fleet, LinkKeys]:
     """The vehicles to ask, with an identity the vehicle of its agent alone, and their keys."""
     require("ground", "doctor --fleet")
-    from swarm_ctl.doctor.fleet import vehicles_of
+    from swarm_ctl.doctor.examination import vehicles_of
     from swarm_ctl.engine.link_keys import LinkKeys
     from swarm_ctl.mission.fleet.exposure import exposed_links, refuse_exposed
     from swarm_ctl.trust.identity import load_identity

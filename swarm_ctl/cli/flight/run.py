@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.gcs_option import gcs_addresses
 from swarm_ctl.cli.shared.options import (
     Attach,
     FleetFile,
@@ -24,6 +23,7 @@ from swarm_ctl.cli.shared.options import (
     VehicleKinds,
     ZenohConfig,
     attaching,
+    gcs_addresses,
     option,
     switch,
     zenoh_settings,

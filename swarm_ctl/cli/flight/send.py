@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from swarm_ctl.cli.shared import completion
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.options import (
     IdentityFolder,
@@ -22,21 +21,20 @@ from swarm_ctl.errors import InputError
 
 if TYPE_CHECKING:
     from swarm_ctl.core.model.plan import Zone
+from collections.abc import Iterator, Sequence
+
+from swarm_ctl.core.model.plan import Plan
+from swarm_ctl.errors import SwarmError
 
 
 def send(
     command: Annotated[
-        str,
-        typer.Argument(
-            metavar="COMMAND", help="One of those above.", autocompletion=completion.orders
-        ),
+        str, typer.Argument(metavar="COMMAND", help="One of those above.", autocompletion=orders)
     ],
     arguments: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="WORD",
-            help="What the command needs, as above.",
-            autocompletion=completion.words,
+            metavar="WORD", help="What the command needs, as above.", autocompletion=words
         ),
     ] = None,
     run: Annotated[
@@ -52,7 +50,7 @@ def send(
         option(
             "IDS",
             "Only these: ids, or groups of the mission, e.g. 2,5-7 or @scouts,7.  [default: all]",
-            autocompletion=completion.agents,
+            autocompletion=agents,
         ),
     ] = "",
     by: Annotated[bool, switch("--by", "move: N and E count from the formation's centre.")] = False,
@@ -169,3 +167,54 @@ def _list_zones(zones: tuple[Zone, ...], console: PlainConsole) -> None:
         )
     if not zones:
         console.say("no zones")
+
+
+def orders(incomplete: str) -> list[tuple[str, str]]:
+    """The commands of `send`, and what they do."""
+    from swarm_ctl.commands.parse import KINDS
+
+    harmless = [kind for kind in KINDS if not kind.asks[0]]
+    return [(kind.name, kind.does) for kind in harmless if kind.name.startswith(incomplete)]
+
+
+def words(ctx: typer.Context, incomplete: str) -> list[str]:
+    """The arguments of the command that stands before them: shapes of the run's mission, values of
+    its law."""
+    from swarm_ctl.commands.parse import complete
+
+    before = " ".join([ctx.params.get("command") or "", *_words(ctx.params.get("arguments"))])
+    line = f"{before} {incomplete}"
+    return [
+        word
+        for plan in _plan(ctx)
+        for found in complete(line, plan)
+        if not (word := found.removeprefix(f"{before} ")).startswith("@")
+    ]
+
+
+def agents(ctx: typer.Context, incomplete: str) -> list[str]:
+    """The groups of the run's mission and the ids of its agents, also behind a comma."""
+    from swarm_ctl.commands.parse import group_names
+
+    before, comma, last = incomplete.rpartition(",")
+    words = [f"@{name}" for plan in _plan(ctx) for name in group_names(plan)]
+    words += [str(agent.id) for plan in _plan(ctx) for agent in plan.agents]
+    named = before.split(",")
+    return [
+        f"{before}{comma}{word}" for word in words if word.startswith(last) and word not in named
+    ]
+
+
+def _words(given: Sequence[str] | str | None) -> Sequence[str]:
+    return [given] if isinstance(given, str) else given or []
+
+
+def _plan(ctx: typer.Context) -> Iterator[Plan]:
+    """The plan of the run that is meant; none where there is no such run."""
+    from swarm_ctl.engine.flying_runs import flying_run
+    from swarm_ctl.runfolder.manifest import read_manifest
+
+    try:
+        yield read_manifest(flying_run(ctx.params.get("run"))).plan
+    except SwarmError:
+        return  # there is nothing to complete: the command itself will say what is wrong

@@ -134,7 +134,7 @@ def _whole_hash(plan: Path, fleet: Path) -> str:
     beside = None
     if not (is_plan_file(plan) or is_plan_file(fleet)):
         require("ground", f"{plan} is a mission file, which")
-        from swarm_ctl.doctor.fleet import is_mission
+        from swarm_ctl.doctor.examination import is_mission
 
         beside = None if is_mission(fleet) else fleet
     return named_by_hash(*plan_and_fleet(plan, beside)).rpartition("@")[2]
@@ -149,7 +149,7 @@ def _hosts(fleet: Path, ssh_config: Path | None) -> Hosts:
         names = dict.fromkeys(agent.host for agent in read_plan(fleet).fleet if agent.host)
     else:
         require("ground", f"{fleet} is a fleet file, which")
-        from swarm_ctl.doctor.fleet import vehicles_of
+        from swarm_ctl.doctor.examination import vehicles_of
 
         names = dict.fromkeys(vehicles_of(fleet).hosts())
     if not names:

@@ -1,7 +1,9 @@
-"""`swarm-ctl missions`: the ready missions, listed or copied."""
+"""`swarm-ctl missions`: the ready missions, listed or copied; `plan`: one as data for the drones'
+computers; `schema`: the JSON Schema of mission files, for editors and other tools."""
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -9,6 +11,8 @@ from typing import Annotated
 import typer
 
 from swarm_ctl.cli.shared.console import PlainConsole
+from swarm_ctl.cli.shared.options import FleetFile, MissionFile, option
+from swarm_ctl.cli.shared.writable import require_writable
 from swarm_ctl.errors import InputError
 from swarm_ctl.files import replacing
 from swarm_ctl.mission import ready
@@ -59,3 +63,45 @@ def copy(
     with replacing(target) as file:
         file.write(source.read_bytes())
     PlainConsole(stderr=True).say(f"{target}: fly it with swarm-ctl run {target}")
+
+
+def plan(
+    mission: MissionFile,
+    fleet: FleetFile = None,
+    out: Annotated[Path, option("FILE", "The plan file to write.")] = Path("plan.json"),
+) -> None:
+    """Write a mission as a plan file for the drones' computers.
+
+    The plan file holds all that `swarm-ctl agent` needs: the checked mission with its slots dealt,
+    a hash, and the fleet's endpoints. An agent that flies it needs only the core of swarm-ctl.
+
+    Examples:
+
+    \b
+        swarm-ctl plan missions/square.yaml --fleet outdoors.yaml
+        swarm-ctl plan missions/hexagon.yaml --out hexagon.json
+    """
+    from swarm_ctl.mission.compile.loader import load
+    from swarm_ctl.mission.compile.plan_file import named_by_hash, plan_to_json
+    from swarm_ctl.runfolder.files import write_whole
+
+    console = PlainConsole()
+    loaded = load(mission, fleet=fleet)
+    console.warn(loaded.warnings)
+    require_writable(out, "choose with --out")
+    write_whole(out, plan_to_json(loaded.plan, loaded.fleet))
+    agents, name = len(loaded.plan.agents), named_by_hash(loaded.plan, loaded.fleet)
+    console.say(f"plan: {out}, {agents} agents, {name}; swarm-ctl agent {out} --id ID")
+
+
+def schema() -> None:
+    """Print the JSON Schema of mission files.
+
+    Example:
+
+    \b
+        swarm-ctl schema > mission.schema.json
+    """
+    from swarm_ctl.mission.mission_file import json_schema
+
+    typer.echo(json.dumps(json_schema(), indent=2))

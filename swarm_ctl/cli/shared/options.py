@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable, Sequence
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Final, NamedTuple
 
 import typer
 
-from swarm_ctl.cli.shared.gcs_option import ADDRESS
 from swarm_ctl.core.model.fleet import plain_endpoint
 from swarm_ctl.engine.vehicles.instances import GCS_PORT
 from swarm_ctl.errors import InputError
@@ -163,7 +163,7 @@ def filled(arguments: Sequence[str]) -> list[str]:
     """The command line in which each option that may stand alone has its value."""
     following = [*arguments, ""][1:]
     return [
-        f"{each}={_ALONE[each]}" if each in _ALONE and not ADDRESS.fullmatch(after) else each
+        f"{each}={_ALONE[each]}" if each in _ALONE and not _GCS_ADDRESS.fullmatch(after) else each
         for each, after in zip(arguments, following, strict=True)
     ]
 
@@ -212,3 +212,18 @@ def recorded_run(given: Path | None, say: Callable[[str], None]) -> Path:
         allowed = "a run folder with one, or a recording.mcap"
         raise InputError(f"{given}: has no recording; allowed: {allowed}")
     return given
+
+
+_GCS_ADDRESS: Final = re.compile(r"(?:(?P<host>[^:\s-][^:\s]*):)?(?P<port>\d+)")
+
+
+def gcs_addresses(given: Sequence[str]) -> tuple[tuple[str, int], ...]:
+    """Host and port of each `--gcs`; InputError where one is not an address."""
+    return tuple(_address(text) for text in dict.fromkeys(given))
+
+
+def _address(text: str) -> tuple[str, int]:
+    found = _GCS_ADDRESS.fullmatch(text)
+    if found is None or not 1 <= int(found["port"]) <= 65535:
+        raise InputError(f"--gcs {text!r}: not an address; allowed: PORT or HOST:PORT, 1..65535")
+    return found["host"] or "127.0.0.1", int(found["port"])

@@ -28,7 +28,7 @@ RESTART: Final = (
 def fleet_of(path: Path) -> Fleet:
     """The fleet of a fleet file or a mission."""
     require("ground", "trust with --fleet")
-    from swarm_ctl.doctor.fleet import fleet_in
+    from swarm_ctl.doctor.examination import fleet_in
 
     return fleet_in(path)
 

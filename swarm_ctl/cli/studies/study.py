@@ -1,4 +1,4 @@
-"""`swarm-ctl study`: thousands of missions at once."""
+"""`swarm-ctl study`: thousands of missions at once; `paper`: the seed paper's experiments again."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from swarm_ctl.installed import require
 
 if TYPE_CHECKING:
     from swarm_ctl.study.parameter_space import Study
+from swarm_ctl.cli.shared.options import Seed
 
 
 def _one(metavar: str, text: str, default: float | str) -> Any:
@@ -325,3 +326,30 @@ def _rerun(
         console.say(f"mission: swarm-ctl run {mission}")
         if lost:
             console.say(f"the row flew with what a mission cannot carry: {'; '.join(lost)}")
+
+
+def paper(
+    out: Annotated[Path, option("FOLDER", "Where figures, rows and claims are written.")] = Path(
+        "paper"
+    ),
+    seeds: Annotated[int, option("NUMBER", "Missions for each experiment.", min=1)] = 1000,
+    seed: Seed = 1,
+    processes: Processes = None,
+) -> None:
+    """Reproduce the paper's experiments and test its claims.
+
+    Section VI of Mondal et al. (2017): Figs. 7-17, in the discrete form (9) and in continuous time,
+    and each claim over many seeds. A run that was interrupted continues where it ended.
+
+    Examples:
+
+    \b
+        swarm-ctl paper
+        swarm-ctl paper --seeds 50 --out quick
+    """
+    from swarm_ctl.study.paper.reproduce import reproduce
+
+    require_writable(out, "choose with --out")
+    console = PlainConsole()
+    wide = console if console.is_terminal else PlainConsole(width=160)
+    reproduce(out, seeds, seed, processes, wide)

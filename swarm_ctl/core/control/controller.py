@@ -11,10 +11,9 @@ from typing import Final
 
 import numpy as np
 
-from swarm_ctl.core.control.headwind import Headwind
 from swarm_ctl.core.control.law_input import LawInput, LawInputBuilder, flies_along
 from swarm_ctl.core.control.navigation import OwnFix
-from swarm_ctl.core.kernel import align, law
+from swarm_ctl.core.kernel import law, wish
 from swarm_ctl.core.kernel.constraints import flown_s, nearest, passed_at
 from swarm_ctl.core.kernel.receiver import Me
 from swarm_ctl.core.kernel.wish import bent, shortened
@@ -292,7 +291,7 @@ class Controller:
         if self._plan.safety.align and formation.key is not None:
             errors = np.array(others.errors, dtype=np.complex128)
             total = complex(np.add.reduce(errors))
-            consensus += align.pull(own - slot, total, others.along) * unit
+            consensus += wish.pull(own - slot, total, others.along) * unit
         return consensus, avoidance * rate
 
     def _evaluate(self, others: LawInput, own: complex, slot: complex) -> tuple[complex, complex]:
@@ -393,3 +392,45 @@ def _report_of(pair: law.Pair, others: LawInput) -> PairReport:
         d=None if math.isnan(pair.d) else pair.d,
         alpha=pair.alpha,
     )
+
+
+_MET_PER_S: Final = 2.0
+"""How fast what is missing is added [1/s]."""
+_TAKES_OVER_S: Final = 4.5
+"""The vehicle's integrator fills in this time by what is added: P over I of a PX4 as delivered."""
+_HEADWIND_MPS: Final = 3.0
+"""More than this is no wind in which a swarm takes off."""
+
+
+class Headwind:
+    """What is added to the setpoints of a vehicle that has just left the ground, against the wind.
+    Complex numbers north + 1j * east [m/s].
+
+    A PX4 that is flown by velocities meets the wind with an integrator that is still empty (and has
+    to be, on the ground). It fills slowly, `MPC_XY_VEL_I_ACC / MPC_XY_VEL_P_ACC` = 0.22 1/s as
+    delivered. Until then the wind takes the vehicle with it, by metres. So setpoints to it are more
+    by what it lacks, and less of that as its own integrator takes over.
+    """
+
+    def __init__(self, vehicle: Response, tick_s: float) -> None:
+        self._tick_s = tick_s
+        self._share = tick_s / (vehicle.dead_time_s + vehicle.lag_s + tick_s)
+        self._expected = 0j
+        self.added = 0j
+
+    def rest(self) -> None:
+        """The vehicle stands on the ground, or flies by itself."""
+        self._expected = self.added = 0j
+
+    def meet(self, setpoint: complex, flown: complex) -> complex:
+        """What is added in this tick of a climb: the vehicle was told to fly `setpoint`, and is
+        `flown`."""
+        self._expected += self._share * (setpoint - self._expected)
+        self.added += _MET_PER_S * self._tick_s * (self._expected - flown)
+        self.added *= _HEADWIND_MPS / max(_HEADWIND_MPS, abs(self.added))
+        return self.added
+
+    def fade(self) -> complex:
+        """What is added in this tick of a flight after it."""
+        self.added *= 1.0 - self._tick_s / _TAKES_OVER_S
+        return self.added

@@ -1,7 +1,7 @@
 """From flown velocity steps to a vehicle's `Response`: dead time, first-order lag and acceleration
 limit.
 
-The model is the one behind the stop point (`core/law/stop_point.py`): a setpoint acts after the
+The model is the one behind the stop point (`core/kernel/coast.py`): a setpoint acts after the
 dead time, then `dv/dt = (setpoint - v) / lag`, never faster than the limit. The fit minimises the
 squared difference between modelled and flown velocity. Times are the controller's own, of sending
 and of hearing, so the dead time contains all that lies between: the vehicle link both ways, the
@@ -12,14 +12,13 @@ needs just that, because it starts from the newest position that was heard.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from swarm_ctl.core.kernel.coast import pending
-from swarm_ctl.core.law.stop_point import stop_point
+from swarm_ctl.core.kernel.coast import coast_of, coasted, pending, rest
 from swarm_ctl.core.model.arrays import Floats
 from swarm_ctl.core.model.plan import Response
 
@@ -342,3 +341,25 @@ def _warnings(
         yield f"a dead time of {found.dead_time_s:.2f} s is {usual}"
     if not 1 / _UNUSUAL < found.lag_s / typical.lag_s < _UNUSUAL:
         yield f"a lag of {found.lag_s:.2f} s is unusual for this autopilot ({typical.lag_s:g} s)"
+
+
+def stop_point(
+    position: complex,
+    velocity: complex,
+    commands: Iterable[complex],
+    tick_s: float,
+    vehicle: Response,
+) -> complex:
+    """Where a vehicle ends up [m] if zero velocity is commanded from now on.
+
+    Args:
+        position: now [m].
+        velocity: now [m/s].
+        commands: those still in the dead time [m/s], oldest first, one per `tick_s`.
+        tick_s: between two of them.
+        vehicle: dead time, lag, acceleration limit.
+    """
+    coast = coast_of(vehicle, tick_s)
+    for acting in commands:
+        position, velocity = coasted(position, velocity, acting, 1.0, coast)
+    return rest(position, velocity, coast)

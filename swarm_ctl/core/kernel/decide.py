@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from swarm_ctl.core.kernel.constraints import Margins, Other, cap, guard, keep_out, unsure
+from swarm_ctl.core.kernel.law import put
 from swarm_ctl.core.kernel.program import LEAVE, LINK, PAIR, WALL, Row, relaxed
-from swarm_ctl.core.kernel.sequences import put
 from swarm_ctl.core.kernel.walls import (
     NO_WALL,
     NO_WALL_MARGINS,

@@ -12,10 +12,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import MutableSequence, Sequence
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeVar
 
 from swarm_ctl.core.kernel.receiver import Known, Me
-from swarm_ctl.core.kernel.sequences import put
 
 STATUSES: Final = ("paper", "narrow", "inactive", "overspeed")
 """Names of the pair statuses; `Pair.status` is an index into this."""
@@ -200,3 +199,16 @@ def _chosen(d_lb: float, d_ub: float, law: Law) -> tuple[float, int]:
     if d_ub - d_lb <= _NO_ROOM * d_ub:
         status, d = INACTIVE, math.nan
     return d, status
+
+
+T = TypeVar("T")
+
+
+def put(items: list[T], used: int, item: T) -> int:
+    """For lists that are filled anew every tick, and keep their memory: `item` behind the first
+    `used` of `items`; how many are used then."""
+    if used < len(items):
+        items[used] = item
+    else:
+        items.append(item)
+    return used + 1

@@ -10,9 +10,9 @@ from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.vehicle import AirborneGoal, LimitKind, Vector3
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.base import Autopilot
+from swarm_ctl.mavlink.autopilots.failsafe_parameters import ParameterRule
 from swarm_ctl.mavlink.autopilots.flight_limits import LimitSource
 from swarm_ctl.mavlink.autopilots.modes import COPTER_MODES, ModeTable
-from swarm_ctl.mavlink.autopilots.parameter_rules import ParameterRule
 from swarm_ctl.mavlink.autopilots.timing import GCS_TIMEOUT_S, RETRY_S
 from swarm_ctl.mavlink.outgoing import Message
 from swarm_ctl.mavlink.telemetry.estimate import EKF_RULES, EstimateRules

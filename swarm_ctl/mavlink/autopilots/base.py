@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from typing import ClassVar
+from collections.abc import Iterator, Mapping
+from typing import ClassVar, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -29,11 +29,9 @@ from swarm_ctl.core.model.vehicle import (
     YieldGoal,
 )
 from swarm_ctl.mavlink import outgoing
-from swarm_ctl.mavlink.autopilots.failsafe_parameters import FailsafeParameters
+from swarm_ctl.mavlink.autopilots.failsafe_parameters import FailsafeParameters, ParameterRule
 from swarm_ctl.mavlink.autopilots.flight_limits import FlightLimits, LimitSource
 from swarm_ctl.mavlink.autopilots.modes import ModeTable
-from swarm_ctl.mavlink.autopilots.parameter_rules import ParameterRule
-from swarm_ctl.mavlink.autopilots.streams import Streams
 from swarm_ctl.mavlink.autopilots.timing import (
     CLIMBS_MPS,
     ESTIMATE_HZ,
@@ -45,9 +43,11 @@ from swarm_ctl.mavlink.autopilots.timing import (
     LANDED_MAX_AGE_S,
     LISTEN_S,
     MAX_SETPOINT_MPS,
+    MAY_BE_SILENT,
     ORIGIN_REFRESH_S,
     QUIET_RETRY_S,
     RETRY_S,
+    SLOW_HZ,
     STATUS_MAX_AGE_S,
     STREAMS_HZ,
     TAKEOFF_RETRY_S,
@@ -402,3 +402,61 @@ def _enum_name(enum: str, number: int) -> str:
     entry = dialect.enums[enum].get(number)
     name = entry.name.removeprefix(enum + "_").lower() if entry else "unknown"
     return f"{name} ({number})"
+
+
+_NO_STREAMS: Final = frozenset(
+    map(
+        message_id,
+        (
+            "AUTOPILOT_VERSION",
+            "COMMAND_ACK",
+            "GPS_GLOBAL_ORIGIN",
+            "HEARTBEAT",
+            "PARAM_VALUE",
+            "STATUSTEXT",
+            "TIMESYNC",
+        ),
+    )
+)
+"""Needed, and sent on request or by themselves."""
+_STOPS_AT_ONCE: Final = 4
+"""Requests a second of one vehicle that end a stream."""
+
+
+class Streams:
+    """Of one vehicle. `hz` has each message that is wanted, with its rate.
+
+    With another `hz` than `STREAMS_HZ` the link is narrow: then what is not wanted, or comes far
+    too often, is asked to stop. A vehicle's own streams as delivered would fill a shared radio.
+    """
+
+    def __init__(self, system: int, hz: Mapping[str, float], more_hz: Mapping[str, float]) -> None:
+        self._system = system
+        self._hz = {message_id(name): rate for name, rate in {**more_hz, **hz}.items()}
+        self._silent = frozenset(map(message_id, MAY_BE_SILENT))
+        self._narrow = hz is not STREAMS_HZ
+        self._counts: dict[int, int] = {}
+
+    def ask(self, heard: Telemetry, pacer: Pacer, now: float) -> list[Message]:
+        """To be called each `RETRY_S`: ask for the streams of which less than half has come,
+        because another ground station may have slowed them."""
+        before, self._counts = self._counts, dict(heard.counts)
+        came = {number: count - before.get(number, 0) for number, count in self._counts.items()}
+        wanted = [*self._wanted(came, pacer, now)]
+        return wanted + [*self._unwanted(came, pacer, now)][:_STOPS_AT_ONCE]
+
+    def _wanted(self, came: Mapping[int, int], pacer: Pacer, now: float) -> Iterator[Message]:
+        for number, rate_hz in self._hz.items():
+            quiet = number in self._silent or rate_hz <= SLOW_HZ
+            least = 1 if quiet else 0.5 * rate_hz * RETRY_S
+            count = came.get(number, 0)
+            wrong = count < least or (self._narrow and count > 2 * rate_hz * RETRY_S + 1)
+            if wrong and pacer.due(f"stream {number}", QUIET_RETRY_S if quiet else RETRY_S, now):
+                yield outgoing.interval(self._system, number, rate_hz)
+
+    def _unwanted(self, came: Mapping[int, int], pacer: Pacer, now: float) -> Iterator[Message]:
+        others = came.keys() - self._hz.keys() - _NO_STREAMS if self._narrow else set()
+        for number in sorted(others, key=lambda each: -came[each]):
+            if came[number] and not pacer.recent(f"stop {number}", QUIET_RETRY_S, now):
+                pacer.due(f"stop {number}", QUIET_RETRY_S, now)
+                yield outgoing.no_stream(self._system, number)

@@ -14,9 +14,9 @@ from swarm_ctl.core.model.fleet import AGENT_SYSID
 from swarm_ctl.core.model.vehicle import AirborneGoal, LimitKind, Vector3
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.base import Autopilot
+from swarm_ctl.mavlink.autopilots.failsafe_parameters import ParameterRule
 from swarm_ctl.mavlink.autopilots.flight_limits import LimitSource
 from swarm_ctl.mavlink.autopilots.modes import PX4_MODES, ModeTable
-from swarm_ctl.mavlink.autopilots.parameter_rules import ParameterRule
 from swarm_ctl.mavlink.autopilots.timing import (
     FIX_MAX_AGE_S,
     RETRY_S,

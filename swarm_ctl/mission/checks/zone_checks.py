@@ -16,7 +16,7 @@ from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import Findings
 from swarm_ctl.mission.input.units import metres
 from swarm_ctl.mission.mission_file import MissionFile
-from swarm_ctl.mission.sections.zone_sections import ZoneSection
+from swarm_ctl.mission.sections.mission_sections import ZoneSection
 from swarm_ctl.mission.steps.table import kind_of
 
 

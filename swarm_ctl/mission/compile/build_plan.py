@@ -20,8 +20,8 @@ from swarm_ctl.mission.geometry.shapes import slot_count, slots_of, ups_of
 from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.sections.mission_sections import SafetySection
 from swarm_ctl.mission.sections.shape_sections import Shape
-from swarm_ctl.mission.steps.among_zones import zones_of
 from swarm_ctl.mission.steps.form import FormSection
+from swarm_ctl.mission.steps.move import zones_of
 from swarm_ctl.mission.steps.table import KINDS
 from swarm_ctl.mission.written_steps import WrittenGroup, split_up, written_steps
 

@@ -13,7 +13,6 @@ from typing import Final
 import numpy as np
 
 from swarm_ctl.core.control.altitude import climb_rate
-from swarm_ctl.core.kernel import align
 from swarm_ctl.core.kernel.coast import coasted
 from swarm_ctl.core.kernel.constraints import Other, constrains, fits, kept, margins_of, tight
 from swarm_ctl.core.kernel.decide import Link, Own, decided
@@ -30,7 +29,7 @@ from swarm_ctl.core.kernel.response import (
     stop_point,
     unknown,
 )
-from swarm_ctl.core.kernel.wish import limited
+from swarm_ctl.core.kernel.wish import limited, pull
 from swarm_ctl.core.law.formation import apart_in_height
 from swarm_ctl.core.model.arrays import Bools, Floats, complex_of, plane_of
 from swarm_ctl.core.model.plan import HEIGHT_DOUBT_M, Compensation, Plan
@@ -180,7 +179,7 @@ class Rehearsal:
         for error, (consensus, avoidance) in zip(errors, self._law_terms(points), strict=True):
             wish = consensus * rate
             if plan.safety.align:
-                wish += align.pull(error, total - error, count - 1)
+                wish += pull(error, total - error, count - 1)
             wishes.append((wish, avoidance * rate))
         return wishes
 

@@ -21,8 +21,7 @@ from swarm_ctl.core.model.fleet import (
 )
 from swarm_ctl.core.swarm.hearing import SMALL_SWARM
 from swarm_ctl.mission.mission_file import MissionFile
-from swarm_ctl.mission.sections.fleet_section import FleetEntry, FleetSection
-from swarm_ctl.mission.sections.vehicle_section import VehicleResponse
+from swarm_ctl.mission.sections.fleet_section import FleetEntry, FleetSection, VehicleResponse
 
 ROUTER_PORT: Final = 7447
 """Where the router of a host listens; zenoh's own port."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import errno
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
@@ -17,8 +17,6 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from swarm_ctl.errors import MissionError
 from swarm_ctl.files import read_bytes
 from swarm_ctl.mission.input.document import Document, Place, dotted, problem_at
-from swarm_ctl.mission.input.foreign_files import foreign
-from swarm_ctl.mission.input.indentation import misindented
 
 MOST_ENTRIES = {
     "agents": 250,
@@ -266,3 +264,80 @@ class _Converter:
 
     def _note(self, node: Node, place: Place, what: str, allowed: str) -> None:
         self._document.problems.append(problem_at(self._where(node), dotted(place), what, allowed))
+
+
+_KINDS: Final = (
+    ("PK\x03\x04", "", "a zip archive (a Skybrush show or a .kmz)"),
+    ("QGC WPL", "", "a waypoint file (QGC WPL)"),
+    ("<", "<kml", "a KML file"),
+    ("<", "<gpx", "a GPX file"),
+    ("<", "", "an XML file"),
+    ("{", '"fileType"', "a QGroundControl plan"),
+    ("{", '"Feature', "a GeoJSON file"),
+    ("# Onboard parameters", "", "a parameter file of an autopilot"),
+    ("", "\nrobot_types:", "a crazyflies.yaml (Crazyswarm2)"),
+)
+"""How a file begins, what its beginning has, and what to call it; the first that fits."""
+
+
+def foreign(head: str) -> str:
+    """What the file with this beginning is, if another program made it: `a KML file`; else ''."""
+    begins = head.lstrip("\ufeff \t\r\n")
+    for start, has, name in _KINDS:
+        if begins.startswith(start) and has in f"\n{begins}":
+            return name
+    first, second = [*begins.splitlines()[:2], "", ""][:2]
+    table = not begins.startswith(("[", "{", "-")) and not set(first) & set(":#")
+    if table and any(first.count(mark) == second.count(mark) > 1 for mark in ",;\t"):
+        return "a CSV table"
+    return ""
+
+
+_ENTRY = re.compile(r"(?P<indent> *)(?P<dash>- +|-$)?(?P<rest>.*)")
+
+
+class _Level(NamedTuple):
+    indent: int
+    dash: bool
+    """Its lines are entries of a list."""
+
+
+def misindented(text: str, number: int) -> str:
+    """What is wrong with the indentation of line `number` (from 1) of a text that is no YAML: in
+    words, with what its siblings have; '' where its indentation is sound."""
+    levels, opens = list[_Level](), True
+    lines = text.splitlines()[:number]
+    for line in lines[:-1]:
+        if line.strip() and not line.lstrip().startswith("#"):
+            levels, opens = _after(levels, line), _opens(line)
+    if not lines or not (line := lines[-1]).strip():
+        return ""
+    found = _level(line)
+    deeper = [level for level in levels if level.indent > found.indent]
+    same = [level for level in levels if level.indent == found.indent]
+    alike = [level for level in levels if level.dash == found.dash]
+    if same or not alike or (not deeper and opens):
+        return ""
+    sibling = min(alike, key=lambda level: (abs(level.indent - found.indent), -level.indent))
+    return f"line {number} is indented by {found.indent}, its siblings by {sibling.indent}"
+
+
+def _level(line: str) -> _Level:
+    found = _ENTRY.match(line)
+    return _Level(len(found["indent"]), bool(found["dash"])) if found else _Level(0, False)
+
+
+def _after(levels: list[_Level], line: str) -> list[_Level]:
+    """The levels that are open after a line."""
+    own = _level(line)
+    kept = [level for level in levels if level.indent < own.indent]
+    kept.append(own)
+    found = _ENTRY.match(line)
+    if found and found["dash"] and re.match(r"[\w-]+:( |$)", found["rest"]):
+        kept.append(_Level(own.indent + len(found["dash"]), False))
+    return kept
+
+
+def _opens(line: str) -> bool:
+    """Whether what follows may be indented further."""
+    return line.partition(" #")[0].rstrip().endswith((":", "-", "|", ">"))

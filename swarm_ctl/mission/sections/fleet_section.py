@@ -7,8 +7,9 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from swarm_ctl.core.model.fleet import SigningPolicy, VehicleKind, plain_endpoint
+from swarm_ctl.core.model.plan import Limits, Response
 from swarm_ctl.mission.sections.section import AgentId, Section
-from swarm_ctl.mission.sections.vehicle_section import VehicleResponse
+from swarm_ctl.mission.sections.written import Written
 
 _VehicleEndpoint = Annotated[
     str,
@@ -109,3 +110,18 @@ class FleetSection(Section):
     def signs(self) -> SigningPolicy:
         """Whether frames are signed."""
         return SigningPolicy(self.signing or ("required" if self.trust else "off"))
+
+
+class VehicleResponse(Written[Response]):
+    """How vehicles answer a velocity setpoint; stop points are computed with it."""
+
+
+class VehicleLimits(Written[Limits]):
+    """The most that an agent commands."""
+
+
+class VehicleSection(Section):
+    """What holds for all vehicles of the mission."""
+
+    response: VehicleResponse = VehicleResponse()
+    limits: VehicleLimits = VehicleLimits()

@@ -10,13 +10,13 @@ from pydantic import Field
 
 from swarm_ctl.core.control.in_file import GAP, gap_m
 from swarm_ctl.core.model.autopilots import UpAndDown
-from swarm_ctl.core.model.plan import Plan, PlannedStep, Point
+from swarm_ctl.core.model.plan import Plan, PlannedStep, Point, Zone
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.move import MoveStep
+from swarm_ctl.core.safety.among_zones import AmongZones
 from swarm_ctl.mission.input.document import Mistake, Place
 from swarm_ctl.mission.input.findings import Findings
 from swarm_ctl.mission.sections.section import NorthEast
-from swarm_ctl.mission.steps.among_zones import among_zones
 from swarm_ctl.mission.steps.step_kind import Checks, Mission
 from swarm_ctl.mission.steps.travel import Pace, Travel, TravelSection, too_fast
 
@@ -96,3 +96,28 @@ def _waypoints_m(move: MoveSection, before: PlannedFormation) -> tuple[Point, ..
         return ((north + move.by[0] * unit, east + move.by[1] * unit),)
     way = move.along or ((move.to,) if move.to else ())
     return tuple((north * unit, east * unit) for north, east in way)
+
+
+def zones_of(mission: Mission) -> tuple[Zone, ...]:
+    """In metres; lengths of the mission are in units."""
+    unit, found = mission.unit_m, list[Zone]()
+    for name, zone in mission.zones.items():
+        corners = zone.polygon or ((zone.circle,) if zone.circle else ())
+        found.append(
+            Zone(
+                name=name,
+                corners_m=tuple((n * unit, e * unit) for n, e in corners),
+                radius_m=(zone.radius or 0.0) * unit,
+                clearance_m=zone.clearance_m or 0.5 * mission.law.r_in * unit,
+                floor_m=zone.floor_m,
+                ceiling_m=zone.ceiling_m,
+            )
+        )
+    return tuple(found)
+
+
+def among_zones(mission: Mission, heights_m: tuple[float, float]) -> AmongZones:
+    """The ways of a mission, lengths in units, between two heights."""
+    unit = mission.unit_m
+    fence_m = [(n * unit, e * unit) for n, e in mission.fence.polygon or ()]
+    return AmongZones(zones_of(mission), fence_m, heights_m)

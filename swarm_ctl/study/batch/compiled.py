@@ -24,7 +24,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from swarm_ctl.core.kernel import (
-    align,
     boundary,
     coast,
     constraints,
@@ -36,7 +35,6 @@ from swarm_ctl.core.kernel import (
     receiver,
     release,
     response,
-    sequences,
     walls,
     wish,
 )
@@ -47,8 +45,8 @@ from swarm_ctl.study.batch.missions import Missions, Setup
 
 Fly = Callable[[Setup, Missions, int, int, int], None]
 _MODULES: Final[tuple[ModuleType, ...]] = (
-    *(align, boundary, coast, constraints, decide, exchange, law, program, release, response),
-    *(queue, sequences, walls, wish, flight, receiver),
+    *(boundary, coast, constraints, decide, exchange, law, program, release, response),
+    *(queue, walls, wish, flight, receiver),
 )
 SOURCES: Final = (*_MODULES, missions, timeouts, arrays, plan)
 """Their constants are compiled in, and the types of their records."""

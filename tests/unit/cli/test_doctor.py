@@ -13,7 +13,7 @@ import pytest
 import typer
 
 from swarm_ctl.cli.checks.doctor import doctor
-from swarm_ctl.cli.shared import surroundings as around
+from swarm_ctl.cli.shared import machine as around
 from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, VehicleIdentity
 from swarm_ctl.engine.vehicle_memory import VehicleMemory
 from swarm_ctl.errors import InputError

@@ -180,7 +180,7 @@ def test_a_fleet_file_that_can_not_be_written_is_said_before_the_vehicle_takes_o
 def test_what_the_system_refuses_later_is_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("swarm_ctl.cli.missions.plan.require_writable", lambda *_: None)
+    monkeypatch.setattr("swarm_ctl.cli.missions.missions.require_writable", lambda *_: None)
     assert called(monkeypatch, "plan", MISSION, "--out", "/proc/plan.json") == 3
     assert capsys.readouterr().err == "error: /proc/plan.json: No such file or directory\n"
 

@@ -16,7 +16,7 @@ from swarm_ctl.archives import packed
 from swarm_ctl.core.model.fleet import Fleet, RadioShare
 from swarm_ctl.deploy.bundle import Bundle, bundles_of, own_routers, unpacked
 from swarm_ctl.deploy.logs import pack_logs, unpack_logs
-from swarm_ctl.deploy.units import units_of
+from swarm_ctl.deploy.services import units_of
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.plan_file import plan_from_json
 from swarm_ctl.trust.bundle import unpacked as unpacked_keys

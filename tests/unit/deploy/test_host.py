@@ -18,8 +18,7 @@ from swarm_ctl.deploy.bundle import Bundle, bundles_of
 from swarm_ctl.deploy.host import Host
 from swarm_ctl.deploy.manifest import Service
 from swarm_ctl.deploy.report import ReportedState
-from swarm_ctl.deploy.services import Plain, Systemd
-from swarm_ctl.deploy.units import units_of
+from swarm_ctl.deploy.services import Plain, Systemd, units_of
 from swarm_ctl.errors import InputError, StartError
 from tests.unit.deploy.swarms import fleet, keys, plan, whole_hash
 

@@ -11,7 +11,7 @@ from typer.main import get_command
 
 from swarm_ctl.cli.app import app
 from swarm_ctl.core.control.navigation import DRIFT_MAX_MPS
-from swarm_ctl.core.kernel import align, constraints
+from swarm_ctl.core.kernel import constraints, wish
 from swarm_ctl.core.model.causes import Cause
 from swarm_ctl.core.model.plan import Compensation, Plan
 from swarm_ctl.core.swarm import gain_update
@@ -106,7 +106,7 @@ def test_the_constants_of_the_filter_are_those_of_the_safety_page() -> None:
     assert f"{c._SPARE - 1:.0%} above `r_in`".replace("%", " %") in page
     assert f"a lag {c._LAG_ERROR - 1:.0%} longer".replace("%", " %") in page
     assert f"`{c.RATE:g} A <= 1/e`, which is {1 / (math.e * c.RATE):.2f} s" in page
-    assert f"at {align.RATE:g} a second towards the mean error" in TEXT["law"]
+    assert f"at {wish.ALIGN_RATE:g} a second towards the mean error" in TEXT["law"]
 
 
 def test_each_mission_is_in_the_list() -> None:

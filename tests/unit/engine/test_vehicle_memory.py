@@ -26,7 +26,7 @@ from swarm_ctl.engine.vehicle_memory import (
     state_folder,
 )
 from swarm_ctl.mavlink.autopilots import AUTOPILOTS, Autopilot
-from swarm_ctl.mavlink.autopilots.parameter_rules import ParameterRule
+from swarm_ctl.mavlink.autopilots.failsafe_parameters import ParameterRule
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.wires import memory_wires
 from tests.unit.mavlink import wire

@@ -23,7 +23,7 @@ from swarm_ctl.core.model.vehicle import (
 )
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots import AUTOPILOTS, GUARDED, autopilot
-from swarm_ctl.mavlink.autopilots.parameter_rules import OPTIONAL_ASKS
+from swarm_ctl.mavlink.autopilots.failsafe_parameters import OPTIONAL_ASKS
 from swarm_ctl.mavlink.autopilots.timing import GROUNDED_S, STREAMS_HZ
 from swarm_ctl.mavlink.telemetry.vehicle_telemetry import Telemetry
 from tests.unit.mavlink import scripted, wire

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from swarm_sim.world.truth_file import TruthFile
+from swarm_sim.world.truth_recorder import TruthFile
 
 FULL = Path("/dev/full")
 

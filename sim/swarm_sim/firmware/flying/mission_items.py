@@ -1,6 +1,6 @@
 """Mission items, and the lists of them that a vehicle keeps. Pure.
 
-Rally lists are kept and given back; nothing flies by them. Fences: `geofence.py`.
+Rally lists are kept and given back; nothing flies by them. Fences: `autopilot.py`.
 """
 
 from __future__ import annotations

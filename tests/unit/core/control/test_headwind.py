@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from swarm_ctl.core.control.headwind import Headwind
+from swarm_ctl.core.control.controller import Headwind
 from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 
 TICK_S, DRAG_PER_S, WIND_MPS = 0.05, 1.0, 4.0

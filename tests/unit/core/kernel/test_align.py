@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm_ctl.core.control.law_input import LawInputBuilder
-from swarm_ctl.core.kernel.align import RATE, pull
+from swarm_ctl.core.kernel.wish import ALIGN_RATE, pull
 from swarm_ctl.core.swarm.snapshot import Formation
 from tests.unit.core.builders import UNIT_M, peer, plan, snapshot
 
@@ -24,9 +24,9 @@ def pulls(e: list[complex]) -> np.ndarray:
 
 @given(errors)
 def test_it_moves_all_agents_to_the_mean_and_the_mean_nowhere(e: list[complex]) -> None:
-    """Each pull is `RATE` times the way to the mean of all; the swarm as a whole is left where it
+    """Each pull is the rate times the way to the mean of all; the swarm as a whole is left where it
     is."""
-    np.testing.assert_allclose(pulls(e), RATE * (np.mean(e) - np.array(e)), atol=1e-9)
+    np.testing.assert_allclose(pulls(e), ALIGN_RATE * (np.mean(e) - np.array(e)), atol=1e-9)
     assert abs(pulls(e).sum()) < 1e-8
 
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarm_ctl.core.agent.command_handler import CommandOrigins
 from swarm_ctl.core.model.messages import Command
-from swarm_ctl.core.swarm.command_origin import CommandOrigins
 
 NOW = 100.0
 SENT = Command("c", "land", (), NOW, station="anna", number=1)

@@ -15,8 +15,14 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from swarm_ctl.core.model.plan import Geodetic
 from swarm_ctl.mavlink.telemetry import incoming
 from swarm_ctl.mavlink.telemetry.incoming import FOLDS_BY_ID, MAX_CONTACTS
-from swarm_ctl.mavlink.telemetry.status_texts import CHUNK, COMPLETE_S, MAX_CHUNKS, MAX_TEXTS
-from swarm_ctl.mavlink.telemetry.vehicle_telemetry import CONTACT_KEPT_S, Telemetry
+from swarm_ctl.mavlink.telemetry.vehicle_telemetry import (
+    CHUNK,
+    COMPLETE_S,
+    CONTACT_KEPT_S,
+    MAX_CHUNKS,
+    MAX_TEXTS,
+    Telemetry,
+)
 from tests.unit.mavlink import wire
 
 NAN, INF = math.nan, math.inf

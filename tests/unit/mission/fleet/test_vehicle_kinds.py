@@ -9,8 +9,7 @@ import pytest
 from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.errors import InputError
-from swarm_ctl.mission.compile.loader import load
-from swarm_ctl.mission.fleet.vehicle_kinds import kinds_of
+from swarm_ctl.mission.compile.loader import kinds_of, load
 from swarm_ctl.mission.sections.fleet_section import FleetEntry
 from tests.system.running import HEXAGON
 

@@ -8,8 +8,8 @@ import pytest
 
 from swarm_ctl.core.model.plan import Limits, Policies
 from swarm_ctl.mission.sections import written
+from swarm_ctl.mission.sections.fleet_section import VehicleLimits
 from swarm_ctl.mission.sections.mission_sections import PolicySection, SafetySection
-from swarm_ctl.mission.sections.vehicle_section import VehicleLimits
 
 
 def test_a_section_has_the_fields_of_its_type_and_says_what_was_given() -> None:

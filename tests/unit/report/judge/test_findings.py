@@ -24,7 +24,7 @@ from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary
 from swarm_ctl.runfolder.flight import TrackSource
 from swarm_ctl.runfolder.manifest import write_manifest
-from swarm_sim.world import pair_distances
+from swarm_sim.world import world
 from tests.unit.plans import steps_of, with_group
 from tests.unit.report.run_folders import (
     END,
@@ -461,4 +461,4 @@ def test_a_takeover_that_completes_is_completed(run: Path) -> None:
 
 def test_the_simulator_counts_the_same_approaches() -> None:
     """It knows nothing of the controller, so it has the constant once more."""
-    assert pair_distances._OVER_M == OVER_M
+    assert world._OVER_M == OVER_M

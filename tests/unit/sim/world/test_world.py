@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from swarm_sim.firmware.message import LandedState, Message
-from swarm_sim.world.pair_distances import PairMinima
-from swarm_sim.world.world import STEP_S, World
+from swarm_sim.world.world import STEP_S, PairMinima, World
 from tests.unit.sim.harness import (
     ARM,
     GCS,
