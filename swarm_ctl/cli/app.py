@@ -14,7 +14,6 @@ from typer.core import TyperCommand
 
 from swarm_ctl.cli.checks.doctor import doctor
 from swarm_ctl.cli.checks.measure import measure
-from swarm_ctl.cli.checks.validate import validate
 from swarm_ctl.cli.flight.agent import agent
 from swarm_ctl.cli.flight.keys import keys
 from swarm_ctl.cli.flight.link import link
@@ -27,10 +26,9 @@ from swarm_ctl.cli.flight.target import target
 from swarm_ctl.cli.hosts.deploy import deploy
 from swarm_ctl.cli.hosts.hosts import hosts
 from swarm_ctl.cli.hosts.on_host import on_host
-from swarm_ctl.cli.missions.missions import missions, plan, schema
+from swarm_ctl.cli.missions.missions import missions, plan, schema, validate
 from swarm_ctl.cli.missions.zones import zones
-from swarm_ctl.cli.results.replay import replay
-from swarm_ctl.cli.results.report import compare, report
+from swarm_ctl.cli.results.report import compare, replay, report
 from swarm_ctl.cli.security.trust import trust
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.options import filled

@@ -10,8 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent
-from swarm_ctl.core.model.own_parameters import OwnValue
-from swarm_ctl.core.model.vehicle import VehicleView
+from swarm_ctl.core.model.vehicle import OwnValue, VehicleView
 from swarm_ctl.engine.link_keys import OPEN, LinkKeys
 from swarm_ctl.engine.ticker import Ticker
 from swarm_ctl.engine.vehicle_memory import RememberedVehicle, VehicleMemory

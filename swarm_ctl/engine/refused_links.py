@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from typing import Final
 
 from swarm_ctl.core.model.messages import Refusal, RefusalReason
-from swarm_ctl.mesh.refusals import Refusals
+from swarm_ctl.mesh.gate import Refusals
 from swarm_ctl.mesh.zenoh_config import log_refused_links
 from swarm_ctl.trust.identity import Identity
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 from pydantic import TypeAdapter, ValidationError
 
 from swarm_ctl.core.model.messages import AgentStatus
-from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, Remembered, VehicleIdentity
+from swarm_ctl.core.model.vehicle import OwnParameters, OwnValue, Remembered, VehicleIdentity
 from swarm_ctl.engine.clock import date_and_time
 from swarm_ctl.files import read_bytes, replacing
 

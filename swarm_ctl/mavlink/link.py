@@ -13,14 +13,17 @@ from dataclasses import dataclass
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.core.model.fleet import AGENT_SYSID
-from swarm_ctl.core.model.own_parameters import (
+from swarm_ctl.core.model.vehicle import (
+    Goal,
+    LinkCounters,
     OwnParameters,
     OwnValue,
     ParameterNote,
     Remembered,
     VehicleIdentity,
+    VehicleView,
+    YieldGoal,
 )
-from swarm_ctl.core.model.vehicle import Goal, LinkCounters, VehicleView, YieldGoal
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots import autopilot as autopilot_of
 from swarm_ctl.mavlink.autopilots.timing import HEARTBEAT_LOST_S, STREAMS_HZ

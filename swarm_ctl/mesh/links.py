@@ -24,7 +24,7 @@ from collections.abc import Set as AbstractSet
 from typing import Any, Final
 
 from swarm_ctl.core.model.messages import Refusal, RefusalReason
-from swarm_ctl.mesh.refusals import Refusals
+from swarm_ctl.mesh.gate import Refusals
 
 OF_A_NAME: Final = 8
 """An agent and a router need one, and one more for each that was cut and has not timed out; an

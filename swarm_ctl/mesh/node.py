@@ -13,10 +13,9 @@ from typing import Any, Final, TypeVar
 
 from swarm_ctl.core.model.messages import Command, Refusal, RefusalReason
 from swarm_ctl.errors import PayloadError
-from swarm_ctl.mesh.gate import Gate, Likely, MeshSource, Stations
+from swarm_ctl.mesh.gate import Gate, Likely, MeshSource, Refusals, Stations
 from swarm_ctl.mesh.keys import Channel
 from swarm_ctl.mesh.payloads import decode, encode
-from swarm_ctl.mesh.refusals import Refusals
 from swarm_ctl.mesh.transport import Inlet, Message, Transport
 
 P = TypeVar("P")

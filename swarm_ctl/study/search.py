@@ -17,8 +17,7 @@ import numpy as np
 
 from swarm_ctl.study.batch.batch import block_size
 from swarm_ctl.study.parameter_space import AGENT_RANGES, LISTS, MODEL, RANGES, Range, Study
-from swarm_ctl.study.row_columns import WITH_UNIT
-from swarm_ctl.study.rows import Row
+from swarm_ctl.study.rows import WITH_UNIT, Row
 
 Fly: TypeAlias = Callable[[Sequence[Study]], Iterator[list[Row]]]
 """The rows of studies of one cell and one block each, in their order."""

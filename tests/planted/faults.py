@@ -159,7 +159,7 @@ FAULTS: Final = (
     Fault(
         "link-clock",
         "dates a peer's words to the wrong side of its clock",
-        "swarm_ctl/core/swarm/peer.py",
+        "swarm_ctl/core/swarm/peers.py",
         "self.true_s = min(told_s - 0.5 * (low + high), received_s)",
         "self.true_s = min(told_s + 0.5 * (low + high), received_s)",
         r"clocks?:",
@@ -237,7 +237,7 @@ FAULTS: Final = (
     Fault(
         "link-age",
         "says that it hears a silent agent",
-        "swarm_ctl/core/swarm/peer.py",
+        "swarm_ctl/core/swarm/peers.py",
         "age_s=None if math.isinf(age) else age,",
         "age_s=None if math.isinf(age) else 0.0,",
         r"kill|stop",
@@ -245,7 +245,7 @@ FAULTS: Final = (
     Fault(
         "link-lost",
         "counts no states that are lost",
-        "swarm_ctl/core/swarm/peer.py",
+        "swarm_ctl/core/swarm/peers.py",
         "self.lost += state.seq - self._counted - 1",
         "self.lost += 0",
         r"loss:",

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from swarm_ctl.core.model.timeouts import FRESH_S
-from swarm_ctl.core.swarm.peer import Peer
+from swarm_ctl.core.swarm.peers import Peer
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.impaired import Impairment
 from swarm_ctl.mesh.memory_transport import MemoryTransport

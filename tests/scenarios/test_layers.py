@@ -118,7 +118,7 @@ def test_without_the_rule_two_swap_heights_through_each_other(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The test above can fail: where all pairs count as apart, the two collide."""
-    monkeypatch.setattr("swarm_ctl.core.safety.layers.apart_by_height", lambda *_: True)
+    monkeypatch.setattr("swarm_ctl.core.safety.safety_filter.apart_by_height", lambda *_: True)
     mission = loads(HEAD + TWO)
     _, found = flown(mission)
     assert not kept(mission, found)

@@ -19,7 +19,7 @@ from mcap.records import Chunk
 from mcap.writer import MCAP0_MAGIC, RecordBuilder
 
 from swarm_ctl.core.model.messages import Event, Severity
-from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, VehicleIdentity
+from swarm_ctl.core.model.vehicle import OwnParameters, OwnValue, VehicleIdentity
 from swarm_ctl.engine.flying_runs import make_folder
 from swarm_ctl.engine.station.printers import write
 from swarm_ctl.engine.vehicle_memory import VehicleMemory

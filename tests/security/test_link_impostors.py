@@ -25,7 +25,7 @@ from swarm_ctl.mavlink.outgoing import ARM_DISARM, FORCE, command
 from swarm_ctl.mavlink.signing import UNITS_S, LinkSigning, SigningRefusal
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm, key_of
-from swarm_sim.network.clients import MAX_CLIENTS
+from swarm_sim.network.hub import MAX_CLIENTS
 from tests.scenarios.swarm import flown_once
 from tests.unit.mavlink import wire
 

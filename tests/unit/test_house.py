@@ -78,7 +78,7 @@ INNER_LOOPS = {
     ("swarm_ctl/core/control/controller.py", "Me"),
     ("swarm_ctl/core/kernel/law.py", "Pair"),
     ("swarm_ctl/core/safety/safety_filter.py", "Other"),
-    ("swarm_ctl/core/swarm/peer.py", "OtherAircraft"),
+    ("swarm_ctl/core/swarm/peers.py", "OtherAircraft"),
     ("swarm_ctl/mesh/payloads.py", "AgentState"),
 }
 """Rows that each tick makes for each aircraft: by name they take two and a half times as long, 4 %

@@ -40,8 +40,7 @@ from swarm_sim.firmware.message import (
 from swarm_sim.firmware.parameters.ardupilot_parameters import ARDUPILOT_DEFAULTS
 from swarm_sim.firmware.parameters.parameter_set import CAST
 from swarm_sim.firmware.protocol import ardupilot_transfer, uploaded_mission
-from swarm_sim.firmware.protocol.commands import COMMON, set_mission_current
-from swarm_sim.firmware.protocol.guided import condition_yaw
+from swarm_sim.firmware.protocol.commands import COMMON, condition_yaw, set_mission_current
 from swarm_sim.firmware.protocol.telemetry import readings
 from swarm_sim.physics.geodesy import Vector3
 

@@ -29,12 +29,15 @@ from swarm_ctl.errors import SwarmError
 
 def send(
     command: Annotated[
-        str, typer.Argument(metavar="COMMAND", help="One of those above.", autocompletion=orders)
+        str,
+        typer.Argument(
+            metavar="COMMAND", help="One of those above.", autocompletion=complete_orders
+        ),
     ],
     arguments: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="WORD", help="What the command needs, as above.", autocompletion=words
+            metavar="WORD", help="What the command needs, as above.", autocompletion=complete_words
         ),
     ] = None,
     run: Annotated[
@@ -50,7 +53,7 @@ def send(
         option(
             "IDS",
             "Only these: ids, or groups of the mission, e.g. 2,5-7 or @scouts,7.  [default: all]",
-            autocompletion=agents,
+            autocompletion=complete_agents,
         ),
     ] = "",
     by: Annotated[bool, switch("--by", "move: N and E count from the formation's centre.")] = False,
@@ -169,7 +172,7 @@ def _list_zones(zones: tuple[Zone, ...], console: PlainConsole) -> None:
         console.say("no zones")
 
 
-def orders(incomplete: str) -> list[tuple[str, str]]:
+def complete_orders(incomplete: str) -> list[tuple[str, str]]:
     """The commands of `send`, and what they do."""
     from swarm_ctl.commands.parse import KINDS
 
@@ -177,7 +180,7 @@ def orders(incomplete: str) -> list[tuple[str, str]]:
     return [(kind.name, kind.does) for kind in harmless if kind.name.startswith(incomplete)]
 
 
-def words(ctx: typer.Context, incomplete: str) -> list[str]:
+def complete_words(ctx: typer.Context, incomplete: str) -> list[str]:
     """The arguments of the command that stands before them: shapes of the run's mission, values of
     its law."""
     from swarm_ctl.commands.parse import complete
@@ -192,7 +195,7 @@ def words(ctx: typer.Context, incomplete: str) -> list[str]:
     ]
 
 
-def agents(ctx: typer.Context, incomplete: str) -> list[str]:
+def complete_agents(ctx: typer.Context, incomplete: str) -> list[str]:
     """The groups of the run's mission and the ids of its agents, also behind a comma."""
     from swarm_ctl.commands.parse import group_names
 

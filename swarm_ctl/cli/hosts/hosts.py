@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from swarm_ctl.cli.hosts.deploy import SshConfig
-from swarm_ctl.cli.hosts.on_host import WITHIN
-from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.hosts_table import (
+from swarm_ctl.cli.hosts.deploy import (
     ATTENTION,
     FINE,
     NOT_REACHED,
+    SshConfig,
     common_plan,
     exit_code,
     show_hosts,
 )
+from swarm_ctl.cli.hosts.on_host import WITHIN
+from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.options import option, switch
 from swarm_ctl.errors import InputError
 from swarm_ctl.installed import require

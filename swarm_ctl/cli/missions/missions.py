@@ -1,21 +1,27 @@
-"""`swarm-ctl missions`: the ready missions, listed or copied; `plan`: one as data for the drones'
-computers; `schema`: the JSON Schema of mission files, for editors and other tools."""
+"""`swarm-ctl missions`: the ready missions, listed or copied; `validate`: what it flies; `plan`:
+one as data for the drones' computers; `schema`: for editors and other tools."""
 
 from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.table import Table
 
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.options import FleetFile, MissionFile, option
+from swarm_ctl.cli.shared.options import FleetFile, MissionFile, VehicleKinds, option, switch
 from swarm_ctl.cli.shared.writable import require_writable
 from swarm_ctl.errors import InputError
 from swarm_ctl.files import replacing
 from swarm_ctl.mission import ready
+
+if TYPE_CHECKING:
+    from swarm_ctl.mission.compile.forecast import StepForecast
+    from swarm_ctl.mission.compile.loader import LoadedMission
 
 missions = typer.Typer(name="missions", rich_markup_mode=None)
 
@@ -105,3 +111,51 @@ def schema() -> None:
     from swarm_ctl.mission.mission_file import json_schema
 
     typer.echo(json.dumps(json_schema(), indent=2))
+
+
+def validate(
+    mission: MissionFile,
+    fleet: FleetFile = None,
+    vehicles: VehicleKinds = None,
+    full: Annotated[
+        bool, switch("--full", "All agents and links, however many there are.")
+    ] = False,
+    plot: Annotated[Path | None, option("FILE", "Draw it into a .png, .svg or .pdf.")] = None,
+) -> None:
+    """Check a mission file and show what would be flown.
+
+    Shows agents, slots, steps with their expected times, graph, smallest distances, limits and
+    warnings. A mission with mistakes is refused with all of them, and one in
+    which the forecast has a pair under r_in.
+
+    Examples:
+
+    \b
+        swarm-ctl validate missions/hexagon.yaml
+        swarm-ctl validate missions/thirtytwo.yaml --full --plot thirtytwo.png
+    """
+    from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
+    from swarm_ctl.mission.compile.loader import load
+
+    console = PlainConsole()
+    loaded = load(mission, fleet=fleet, vehicles=vehicles)
+    kinds = {agent.autopilot for agent in loaded.fleet.agents}
+    forecasts = forecast(loaded.plan, kinds)
+    refuse_too_close(loaded, forecasts)
+    show(console, loaded, forecasts, full=full)
+    if plot is not None:
+        from swarm_ctl.report.page.mission_plot import plot as draw
+
+        require_writable(plot, "choose with --plot")
+        draw(loaded.plan, plot)
+        console.say(f"picture  {plot}")
+
+
+def show(
+    console: PlainConsole, loaded: LoadedMission, forecasts: Sequence[StepForecast], *, full: bool
+) -> None:
+    """Print a checked mission."""
+    from swarm_ctl.report.page.mission_table import mission_parts
+
+    for part in mission_parts(loaded, forecasts, full=full):
+        console.print(part, soft_wrap=not isinstance(part, Table))

@@ -123,7 +123,7 @@ def show(fleet: Annotated[Path, option("FILE", "A fleet file, or a mission.")]) 
 
 def _with_each(fleet: Path, items: Sequence[FenceItem] | None) -> None:
     """Each vehicle of a fleet in turn."""
-    from swarm_ctl.cli.shared.trust_folder import fleet_of
+    from swarm_ctl.cli.security.trust import fleet_of
     from swarm_ctl.engine.link_keys import LinkKeys
     from swarm_ctl.engine.vehicle_fence import transferred
 

@@ -38,8 +38,7 @@ _GIVEN: Final = "swarm_ctl.study"
 
 def options_of_study() -> list[Any]:
     """One for each field of a study's file, with its help, as typer makes them."""
-    from swarm_ctl.study.parameter_space import RANGES
-    from swarm_ctl.study.study_file import StudyFile
+    from swarm_ctl.study.parameter_space import RANGES, StudyFile
 
     kinds = dict[str, Any]()
     for name, field in StudyFile.model_fields.items():
@@ -166,9 +165,9 @@ def study(
         swarm-ctl study studies/search.yaml --search smallest --budget 20000
     """
     from swarm_ctl.study.executor import run_study
+    from swarm_ctl.study.parameter_space import study_file
     from swarm_ctl.study.rows import read_rows
     from swarm_ctl.study.rows_table import tables
-    from swarm_ctl.study.study_file import study_file
 
     console = PlainConsole()
     if row is not None and search is not None:

@@ -49,11 +49,10 @@ from swarm_ctl.core.model.messages import (
     TargetWord,
     TickReport,
 )
-from swarm_ctl.core.model.own_parameters import Found, ParameterNote
 from swarm_ctl.core.model.plan import Plan, Response
 from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.steps.step import Step
-from swarm_ctl.core.model.vehicle import Goal, VehicleView
+from swarm_ctl.core.model.vehicle import Found, Goal, ParameterNote, VehicleView
 from swarm_ctl.core.safety.surroundings import FENCE_NAME
 from swarm_ctl.core.swarm.hearing import Hearing, hears_all
 from swarm_ctl.core.swarm.peers import Peers

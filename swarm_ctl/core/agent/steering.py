@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from swarm_ctl.core.agent.own_vehicle import OwnVehicle
 from swarm_ctl.core.agent.tick import Tick
-from swarm_ctl.core.control.altitude import climb_rate
 from swarm_ctl.core.control.controller import Controller
+from swarm_ctl.core.control.navigation import climb_rate
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Limits, Point
 from swarm_ctl.core.model.rows import row

@@ -13,9 +13,10 @@ by it, so the vehicle's position moves as the law asked.
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from swarm_ctl.core.model.frames import ned_from_geodetic
-from swarm_ctl.core.model.plan import Geodetic, Point
+from swarm_ctl.core.model.plan import Geodetic, Limits, Point
 from swarm_ctl.core.model.rows import row
 from swarm_ctl.core.model.vehicle import LocalFix, Vector3, VehicleView
 
@@ -119,3 +120,15 @@ class DriftObserver:
             self._drift *= DRIFT_MAX_MPS / max(DRIFT_MAX_MPS, abs(self._drift))
         self._boot_s, self._velocity = report.boot_s, velocity
         return self._drift
+
+
+_GAIN: Final = 0.5
+"""[1/s]: well under 1 / (dead time + lag) of any multirotor, so the loop cannot ring."""
+
+
+def climb_rate(height_error_m: float, limits: Limits) -> float:
+    """Climb rate [m/s, up] for a height error [m, positive: too low]. 0 for one that is not
+    finite."""
+    if not math.isfinite(height_error_m):
+        return 0.0
+    return max(-limits.descent_mps, min(limits.climb_mps, _GAIN * height_error_m))

@@ -13,14 +13,13 @@ from typing import Final, NamedTuple, TypeAlias
 
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.formation_frame import Frame
-from swarm_ctl.core.model.own_parameters import OwnParameters
 from swarm_ctl.core.model.plan import Point
 from swarm_ctl.core.model.rows import row
 from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.goto import GotoStep
 from swarm_ctl.core.model.steps.move import MoveStep
-from swarm_ctl.core.model.vehicle import Vector3
+from swarm_ctl.core.model.vehicle import OwnParameters, Vector3
 from swarm_ctl.core.model.zones import Zone
 
 
@@ -451,7 +450,7 @@ class AgentStatus:
     without: tuple[int, ...] = ()
     """The peers that have left the formation, as they told."""
     refused: tuple[Refusal, ...] = ()
-    """What it refused on the mesh in the last seconds (`mesh/refusals.py`)."""
+    """What it refused on the mesh in the last seconds (`mesh/gate.py`)."""
     doubted: dict[int, str] = field(default_factory=dict)
     """Why, by peer of which a word was not believed of late (`core/swarm/plausibility.py`)."""
     far_heard: int = 0

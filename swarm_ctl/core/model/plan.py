@@ -9,7 +9,7 @@ metres. Horizontal vectors are (north, east) in the common frame: the local tang
 `origin`.
 
 Fields that a mission file gives have their bounds here, and the words that describe them in the
-file's schema (`mission/sections/written.py`).
+file's schema (`mission/sections/section.py`).
 """
 
 from __future__ import annotations

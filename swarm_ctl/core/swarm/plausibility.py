@@ -1,7 +1,7 @@
 """What can be true of a peer's word: by itself, and after the word that was believed last.
 
 A message may be forged, or its sender may be broken. What no vehicle of the plan can do is not
-believed (`core/swarm/peer.py` says what is done instead). An honest vehicle can jump, too: its
+believed (`core/swarm/peers.py` says what is done instead). An honest vehicle can jump, too: its
 estimate was corrected. The limits leave room for that.
 
 Plain floats, because this runs for each state that is heard. Lengths in m, times in s.

@@ -108,8 +108,8 @@ class PeerSnapshot:
     traffic: tuple[OtherAircraft, ...] = ()
     """What only the traffic sensor sees, nearest first."""
     over: frozenset[int] = frozenset()
-    """The peers that the own vehicle is apart from by height (`core/safety/layers.py`): no plane
-    between them acts."""
+    """The peers that the own vehicle is apart from by height (`core/safety/safety_filter.py`): no
+    plane between them acts."""
 
     def without(self, gone: Container[int]) -> PeerSnapshot:
         """The same, as if the agents `gone` had never been heard."""

@@ -16,7 +16,6 @@ from typing import ClassVar, Final
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.core.model.fleet import AGENT_SYSID
-from swarm_ctl.core.model.own_parameters import VehicleIdentity
 from swarm_ctl.core.model.vehicle import (
     AirborneGoal,
     FlyGoal,
@@ -26,6 +25,7 @@ from swarm_ctl.core.model.vehicle import (
     StandbyGoal,
     TerminateGoal,
     Vector3,
+    VehicleIdentity,
     YieldGoal,
 )
 from swarm_ctl.mavlink import outgoing

@@ -12,14 +12,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from swarm_ctl.core.model.own_parameters import (
-    Found,
-    OwnValue,
-    ParameterNote,
-    Remembered,
-    own_value,
-)
 from swarm_ctl.core.model.timeouts import PARAMETER_READ_S
+from swarm_ctl.core.model.vehicle import Found, OwnValue, ParameterNote, Remembered, own_value
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.autopilots.timing import RETRY_S, Pacer
 from swarm_ctl.mavlink.outgoing import Message

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from swarm_ctl.core.control.altitude import climb_rate
+from swarm_ctl.core.control.navigation import climb_rate
 from swarm_ctl.core.kernel.coast import coasted
 from swarm_ctl.core.kernel.constraints import Other, constrains, fits, kept, margins_of, tight
 from swarm_ctl.core.kernel.decide import Link, Own, decided

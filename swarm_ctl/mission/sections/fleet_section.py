@@ -8,8 +8,7 @@ from pydantic import AfterValidator, Field
 
 from swarm_ctl.core.model.fleet import SigningPolicy, VehicleKind, plain_endpoint
 from swarm_ctl.core.model.plan import Limits, Response
-from swarm_ctl.mission.sections.section import AgentId, Section
-from swarm_ctl.mission.sections.written import Written
+from swarm_ctl.mission.sections.section import AgentId, Section, Written
 
 _VehicleEndpoint = Annotated[
     str,

@@ -21,8 +21,7 @@ from swarm_ctl.core.model.plan import (
     Wake,
     slot_layer_m,
 )
-from swarm_ctl.mission.sections.section import AgentId, Length, NorthEast, Section
-from swarm_ctl.mission.sections.written import Written
+from swarm_ctl.mission.sections.section import AgentId, Length, NorthEast, Section, Written
 
 
 class OriginSection(Written[Geodetic]):

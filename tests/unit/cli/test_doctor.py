@@ -14,7 +14,7 @@ import typer
 
 from swarm_ctl.cli.checks.doctor import doctor
 from swarm_ctl.cli.shared import machine as around
-from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, VehicleIdentity
+from swarm_ctl.core.model.vehicle import OwnParameters, OwnValue, VehicleIdentity
 from swarm_ctl.engine.vehicle_memory import VehicleMemory
 from swarm_ctl.errors import InputError
 from swarm_ctl.trust import provision

@@ -10,8 +10,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from swarm_ctl.cli.checks.validate import show, validate
-from swarm_ctl.cli.missions.missions import schema
+from swarm_ctl.cli.missions.missions import schema, show, validate
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.mission.compile.forecast import FormForecast, StepForecast, forecast

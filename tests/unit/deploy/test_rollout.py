@@ -11,9 +11,8 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl import __version__
-from swarm_ctl.cli.hosts.hosts import _whole_hash
+from swarm_ctl.cli.hosts.hosts import _whole_hash, common_plan, exit_code, show_hosts
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.hosts_table import common_plan, exit_code, show_hosts
 from swarm_ctl.deploy import rollout
 from swarm_ctl.deploy.bundle import Bundle, bundles_of
 from swarm_ctl.deploy.report import HostReport, ReportedState, ServiceReport

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from swarm_ctl.core.swarm.hearing import SMALL_SWARM
-from swarm_ctl.study.parameter_space import LISTS, RANGES, Range, Study
-from swarm_ctl.study.row_columns import MEANINGS
-from swarm_ctl.study.study_file import StudyFile, study_file
+from swarm_ctl.study.parameter_space import LISTS, RANGES, Range, Study, StudyFile, study_file
+from swarm_ctl.study.rows import MEANINGS
 
 ROOT: Final = Path(__file__).parents[3]
 COMMAND: Final = "python -m tests.unit.docs.study_reference > docs/look-up/studies.md"

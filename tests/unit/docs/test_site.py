@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.study.row_columns import COLUMNS
+from swarm_ctl.study.rows import COLUMNS
 from tests.unit.docs.pages import DOCS, DOCUMENTS, ROOT, blocks, prose
 
 README_WORDS = 900
@@ -121,7 +121,7 @@ def test_documents_named_in_capitals_exist() -> None:
 
 
 def test_the_code_names_modules_that_exist() -> None:
-    """`core/law/stop_point.py` and other paths in backticks, from any folder above or `tests/`."""
+    """`core/kernel/coast.py` and other paths in backticks, from any folder above or `tests/`."""
     files = [file for top in ("swarm_ctl", "sim", "tests") for file in (ROOT / top).rglob("*.py")]
     wrong = [
         f"{identify(file)}: {path}"

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from swarm_ctl.core.model.messages import RefusalReason
 from swarm_ctl.engine.refused_links import RefusedLinks
-from swarm_ctl.mesh.refusals import RECENT_S
+from swarm_ctl.mesh.gate import RECENT_S
 
 _WARN = b"2026-11-22T18:31:39Z \x1b[33m WARN\x1b[0m app-0 ThreadId(02) zenoh_link_tls::unicast: "
 LOG = (

@@ -16,8 +16,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarm_ctl.core.model.messages import AgentStatus
-from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, VehicleIdentity
-from swarm_ctl.core.model.vehicle import Goal, ReleaseGoal, StandbyGoal
+from swarm_ctl.core.model.vehicle import (
+    Goal,
+    OwnParameters,
+    OwnValue,
+    ReleaseGoal,
+    StandbyGoal,
+    VehicleIdentity,
+)
 from swarm_ctl.engine.vehicle_memory import (
     Remembering,
     SwarmMemory,

@@ -19,8 +19,7 @@ from swarm_ctl.core.model.vehicle import FlyGoal, StandbyGoal
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink import wires
 from swarm_ctl.mavlink.link import VehicleLink
-from swarm_ctl.mavlink.stream_wires import Stream
-from swarm_ctl.mavlink.wires import Wire, local_port, memory_wires, open_wire
+from swarm_ctl.mavlink.wires import Stream, Wire, local_port, memory_wires, open_wire
 from tests.unit.mavlink import wire
 from tests.unit.mavlink.test_framer import BANNER
 

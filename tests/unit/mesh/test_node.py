@@ -27,11 +27,11 @@ from swarm_ctl.core.model.messages import (
 )
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.mesh import keys
+from swarm_ctl.mesh.gate import RECENT_S
 from swarm_ctl.mesh.keys import CHANNELS, Channel, owner_of
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.payloads import VERSION, encode
-from swarm_ctl.mesh.refusals import RECENT_S
 from tests.unit.mesh.test_payloads import OTHERS
 
 STATE = AgentState(3, 1, 1.0, 1, Phase.FLY, 1, False, True, (1, 2, 3), (0, 0, 0), (1, 2), (0, 0))

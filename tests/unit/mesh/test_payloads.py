@@ -36,9 +36,9 @@ from swarm_ctl.core.model.messages import (
     TargetWord,
     Tuning,
 )
-from swarm_ctl.core.model.own_parameters import OwnParameters, OwnValue, VehicleIdentity
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
+from swarm_ctl.core.model.vehicle import OwnParameters, OwnValue, VehicleIdentity
 from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.errors import PayloadError
 from swarm_ctl.mesh.keys import CHANNELS

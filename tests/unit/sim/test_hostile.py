@@ -13,8 +13,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from swarm_sim.firmware.flying.mission_items import MAX_ITEMS
 from swarm_sim.firmware.message import Message
 from swarm_sim.firmware.protocol.handlers import HANDLERS
-from swarm_sim.network.clients import MAX_CLIENTS
 from swarm_sim.network.codec import _BY_NAME, Codec
+from swarm_sim.network.hub import MAX_CLIENTS
 from tests.unit.sim.network.test_hub import A, Clients
 from tests.unit.sim.test_codec import random_value
 

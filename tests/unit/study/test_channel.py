@@ -10,7 +10,7 @@ import pytest
 from swarm_ctl.core.model.messages import AgentState, Phase
 from swarm_ctl.core.model.timeouts import FAR_LATE_S
 from swarm_ctl.core.swarm.clocks import PeerClock
-from swarm_ctl.core.swarm.peer import Peer
+from swarm_ctl.core.swarm.peers import Peer
 from swarm_ctl.core.swarm.plausibility import BeliefLimits
 from swarm_ctl.study.batch import flight
 from swarm_ctl.study.batch.batch import Batch, blocks, draw

@@ -17,11 +17,10 @@ from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.study.batch.batch import blocks, draw
 from swarm_ctl.study.batch.batch_flight import BatchResult
 from swarm_ctl.study.executor import fly_studies, run_study
-from swarm_ctl.study.parameter_space import Study
+from swarm_ctl.study.parameter_space import Study, study_file
 from swarm_ctl.study.rerun import rerun, write_mission
 from swarm_ctl.study.rows import Row, rows_of
 from swarm_ctl.study.search import Goal, worst
-from swarm_ctl.study.study_file import study_file
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from tests.on_demand import on_demand
 

@@ -11,9 +11,8 @@ from typer.main import get_command
 
 from swarm_ctl.cli.app import app, main
 from swarm_ctl.errors import InputError
-from swarm_ctl.study.parameter_space import Range, Study
+from swarm_ctl.study.parameter_space import Range, Study, study_file
 from swarm_ctl.study.rows import read_rows
-from swarm_ctl.study.study_file import study_file
 
 STUDIES = sorted((Path(__file__).parents[3] / "studies").glob("*.yaml"))
 

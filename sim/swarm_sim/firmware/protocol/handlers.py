@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 
 from swarm_sim.firmware.autopilot import SimAutopilot
 from swarm_sim.firmware.message import MavResult, Message
-from swarm_sim.firmware.protocol import guided
+from swarm_sim.firmware.protocol import commands
 from swarm_sim.firmware.protocol.commands import MAX_RATE_HZ, read_command
 from swarm_sim.firmware.protocol.telemetry import readings
 
@@ -149,8 +149,8 @@ HANDLERS: Mapping[str, Callable[[SimAutopilot, Message], None]] = {
     "COMMAND_LONG": command,
     "COMMAND_INT": command,
     "SET_MODE": set_mode,
-    "SET_POSITION_TARGET_LOCAL_NED": guided.set_position_target,
-    "SET_POSITION_TARGET_GLOBAL_INT": guided.set_position_target,
+    "SET_POSITION_TARGET_LOCAL_NED": commands.set_position_target,
+    "SET_POSITION_TARGET_GLOBAL_INT": commands.set_position_target,
     "PARAM_REQUEST_LIST": param_request_list,
     "PARAM_REQUEST_READ": param_request_read,
     "PARAM_SET": param_set,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.control.altitude import climb_rate
+from swarm_ctl.core.control.navigation import climb_rate
 from swarm_ctl.core.model.plan import Limits
 
 LIMITS = Limits(speed_mps=5.0, climb_mps=1.0, descent_mps=0.5)

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.control.law_input import LawInputBuilder
+from swarm_ctl.core.control.controller import LawInputBuilder
 from swarm_ctl.core.kernel.wish import ALIGN_RATE, pull
 from swarm_ctl.core.swarm.snapshot import Formation
 from tests.unit.core.builders import UNIT_M, peer, plan, snapshot

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from swarm_ctl.core.model.messages import AgentState, Answers, ClockEcho, ClockNews, Phase
 from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S
 from swarm_ctl.core.swarm.clocks import ASK_EVERY_S, DRIFT, STEADY_S, Clocks, PeerClock
-from swarm_ctl.core.swarm.peer import Peer
+from swarm_ctl.core.swarm.peers import Peer
 from swarm_ctl.core.swarm.plausibility import INSISTS_S, BeliefLimits
 from tests.unit.core.builders import plan
 

@@ -23,8 +23,7 @@ from swarm_ctl.core.model.messages import (
     CommandKind,
     Phase,
 )
-from swarm_ctl.core.swarm.peer import Peer
-from swarm_ctl.core.swarm.peers import Peers
+from swarm_ctl.core.swarm.peers import Peer, Peers
 from swarm_ctl.core.swarm.plausibility import (
     CREEP_M,
     INSISTS_S,

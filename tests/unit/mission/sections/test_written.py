@@ -7,7 +7,7 @@ import inspect
 import pytest
 
 from swarm_ctl.core.model.plan import Limits, Policies
-from swarm_ctl.mission.sections import written
+from swarm_ctl.mission.sections import section
 from swarm_ctl.mission.sections.fleet_section import VehicleLimits
 from swarm_ctl.mission.sections.mission_sections import PolicySection, SafetySection
 
@@ -36,11 +36,11 @@ def test_without_sources_a_section_lacks_descriptions_alone(
     def missing(_: object) -> str:
         raise OSError("could not get source code")
 
-    whole = written._fields(Limits)
+    whole = section._fields(Limits)
     monkeypatch.setattr(inspect, "getsource", missing)
-    written._classes.cache_clear()
-    bare = written._fields(Limits)
-    written._classes.cache_clear()
+    section._classes.cache_clear()
+    bare = section._fields(Limits)
+    section._classes.cache_clear()
     assert [bool(field.description) for _, field in whole.values()] == [True, True, False]
     assert not any(field.description for _, field in bare.values())
     assert [of for of, _ in bare.values()] == [of for of, _ in whole.values()]

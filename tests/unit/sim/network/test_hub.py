@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from swarm_sim.network.clients import FORGET_S, MAX_CLIENTS
-from swarm_sim.network.hub import Hub
+from swarm_sim.network.hub import FORGET_S, MAX_CLIENTS, Hub
 from swarm_sim.network.sockets import Address
 from swarm_sim.world.truth_recorder import TruthFile, TruthRecorder
 from swarm_sim.world.world import STEP_S
