@@ -43,6 +43,11 @@ class StationHandle(Protocol):
         """The station's name on the mesh."""
 
     @property
+    def agent(self) -> int | None:
+        """The one on whose drone's computer it is: then a view has the swarm as that agent knows
+        it, and no order can be given. None: it is an operator's."""
+
+    @property
     def speedup(self) -> float:
         """Mission seconds per second of the wall clock."""
 

@@ -6,7 +6,7 @@ refused, as are bytes that hold none, or too many of them. What is refused is co
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from operator import attrgetter
 from typing import Any, Final, TypeVar
@@ -28,6 +28,8 @@ class Node:
         self._transport = transport
         self._swarm = swarm
         self.name: Final = name
+        self.overheard: Callable[[str, bytes], None] | None = None
+        """Is given (key, bytes) of each message that is sent, or believed; raises nothing."""
         self._agents: tuple[int, ...] = ()
         self._inlets: dict[str, dict[int | str, Inlet]] = {}
         """By channel; by agent that is followed, or `*`."""
@@ -67,7 +69,10 @@ class Node:
         key = self._keys.get(channel.name)
         if key is None:
             key = self._keys[channel.name] = channel.key(self._swarm, self.name)
-        self._transport.publish(key, encode(payload), channel.qos)
+        data = encode(payload)
+        self._transport.publish(key, data, channel.qos)
+        if self.overheard is not None:
+            self.overheard(key, data)
 
     def take(self, channel: Channel[P], likely: Likely | None = None) -> list[tuple[P, float]]:
         """(payload, received_s [s]) of the messages since the last call, oldest first; those that
@@ -96,6 +101,8 @@ class Node:
                 gate.refuse(source, RefusalReason.OTHER_OWNER, words, received_s)
             else:
                 taken.append((payload, received_s))
+                if self.overheard is not None:
+                    self.overheard(channel.key(self._swarm, said), data)
         return taken
 
     @property

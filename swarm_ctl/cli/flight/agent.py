@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 import threading
 from collections.abc import Mapping, Sequence
@@ -28,6 +29,8 @@ from swarm_ctl.errors import InputError, TrustError
 from swarm_ctl.installed import require
 
 if TYPE_CHECKING:
+    from swarm_ctl.engine.agent.agent_process import AgentConfig
+    from swarm_ctl.engine.companion import Companion
     from swarm_ctl.engine.fetched_plan import AgentPost
     from swarm_ctl.mission.compile.offers import PlanName
 
@@ -58,6 +61,10 @@ _EPOCH: Final = (
     "Mission time 0 on this host's monotonic clock.  [default: its own zero where the fleet says"
     " `host`, so that all agents of a host share one clock; else now]"
 )
+_ROS2: Final = (
+    "Tell this drone's part to ROS 2 in this domain, over rmw_zenoh: a process beside the agent"
+    " does. Takes no orders. Needs the extra `ros2`.  [default: ROS_DOMAIN_ID, or 0]"
+)
 _LOCKSTEP: Final = "The folder of a run in lockstep, whose clock this agent joins."
 
 
@@ -86,6 +93,7 @@ def agent(
     signing_key: Annotated[Path | None, option("FILE", _KEY)] = None,
     plan_timeout: Annotated[float, option("SECONDS", _TIMEOUT, min=1.0)] = 60.0,
     record: Annotated[Path | None, option("FOLDER", _RECORD)] = None,
+    ros2: Annotated[str | None, option("DOMAIN", _ROS2, "--ros2")] = None,
 ) -> None:
     """Fly one agent, on the computer of its drone.
 
@@ -103,6 +111,7 @@ def agent(
         swarm-ctl agent plan.json --id 3 --endpoint serial:/dev/ttyAMA0:921600
         swarm-ctl agent missions/hexagon.yaml --fleet outdoors.yaml --id 3
         swarm-ctl agent hexagon@3fa9c1d2e4f6 --id 3 --mesh tcp/10.0.0.13:7447
+        swarm-ctl agent plan.json --id 3 --ros2
     """
     from swarm_ctl.engine.agent.agent_process import AgentConfig, run_agent
     from swarm_ctl.engine.agent.narration import show_on_terminal
@@ -114,6 +123,7 @@ def agent(
     from swarm_ctl.mission.compile.offers import plan_name
     from swarm_ctl.mission.fleet.exposure import exposures, refuse_exposed
 
+    domain = None if ros2 is None else _domain(ros2)
     given = _Places(endpoint, mesh, peer, router)
     wanted = None if file.exists() else plan_name(str(file))
     if wanted is None:
@@ -159,7 +169,36 @@ def agent(
     )
     if keys is not None:
         threading.Thread(target=_explain, args=(keys, connect), daemon=True).start()
-    leave(run_agent(config, SignalLifeline(), show_on_terminal))
+    beside = None if domain is None else _beside(config, domain)
+    leave(run_agent(config, SignalLifeline(), show_on_terminal, beside))
+
+
+def _beside(agent: AgentConfig, domain: int) -> Companion | None:
+    """What tells ROS 2; None where it can't be started, which keeps no agent from flying."""
+    from swarm_ctl.engine.companion import Companion, CompanionConfig
+
+    try:
+        return Companion(
+            CompanionConfig(
+                plan=agent.plan,
+                agent=agent.agent_id,
+                epoch_s=agent.epoch_s,
+                speedup=agent.speedup,
+                stepped=agent.lockstep is not None,
+                attach=(f"ros2={domain}",),
+            )
+        )
+    except OSError as error:
+        sys.stderr.write(f"agent: ROS 2 is told nothing: {error.strerror}; the flight goes on\n")
+        return None
+
+
+def _domain(given: str) -> int:
+    """Of ROS 2; checked here, so that nothing flies where it is none."""
+    from swarm_ctl.extensions.ros2 import domain_of
+
+    require("ros2", "--ros2")
+    return domain_of(given, os.environ)
 
 
 def _explain(keys: Path, peers: Sequence[str]) -> None:

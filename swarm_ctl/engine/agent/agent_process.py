@@ -27,6 +27,7 @@ from swarm_ctl.engine.agent.narration import Narration
 from swarm_ctl.engine.agent.publish import listen, publish
 from swarm_ctl.engine.clock import unix_s
 from swarm_ctl.engine.collector import collect_rarely
+from swarm_ctl.engine.companion import Companion
 from swarm_ctl.engine.forked import serve_forked
 from swarm_ctl.engine.lifeline import ALIVE, READY, Lifeline
 from swarm_ctl.engine.link_keys import folder_signing
@@ -123,10 +124,14 @@ def child_main(config: AgentConfig, connection: Connection) -> None:
 
 
 def run_agent(
-    config: AgentConfig, lifeline: Lifeline, show: Callable[[str], None] = lambda _: None
+    config: AgentConfig,
+    lifeline: Lifeline,
+    show: Callable[[str], None] = lambda _: None,
+    companion: Companion | None = None,
 ) -> int:
     """Fly one agent to its end; the exit code: 0 when it completed or landed on command, 1 when it
-    failed. `show` gets what it waits for and what happens, line by line."""
+    failed. `show` gets what it waits for and what happens, line by line; `companion` all that it
+    says and hears."""
     identity = own_identity(config.identity, config.agent_id)
     seat = take_seat(config.lockstep, TickPhase.SWARM, config.epoch_s, config.speedup)
     script = ScriptedAgent(config.script, seat.clock.now)
@@ -140,8 +145,19 @@ def run_agent(
     ):
         seat.join(f"agent-{config.agent_id}", config.swarm, config.agent_id)
         lifeline.tell(READY)
+        if companion is not None:
+            node.overheard = companion.take
         ended, status = _loop(
-            config, seat, link, node, lifeline, identity, links_refused, Narration(show), script
+            config,
+            seat,
+            link,
+            node,
+            lifeline,
+            identity,
+            links_refused,
+            Narration(show),
+            script,
+            companion,
         )
         seat.end(last=True)
         lifeline.tell(f"{ended.outcome}: {ended.reason}" if ended.reason else ended.outcome)
@@ -244,6 +260,7 @@ def _loop(
     links_refused: Callable[[float], tuple[Refusal, ...]],
     narration: Narration,
     script: ScriptedAgent,
+    companion: Companion | None,
 ) -> tuple[Ended, AgentStatus | None]:
     own = script.own_time
     agent = Agent(
@@ -262,6 +279,7 @@ def _loop(
     remembering = Remembering(memory, config.endpoint, config.flight)
     shown, remembers = Rim("what this agent tells of itself"), Rim("the vehicle's memory")
     shares, refusals = Rim("the shared link"), Rim("the words on refused messages")
+    beside = Rim("the process beside this agent")
     ticker = seat.ticker(config.plan.tick_s, lambda: lifeline.tell(ALIVE))
     status: AgentStatus | None = None
     collect_rarely()
@@ -310,12 +328,14 @@ def _loop(
             lifeline.tell(ALIVE)
             remembers.run(remembering.serve, link, status.own)  # after the mesh was told
             for trouble in (
-                t for rim in (shown, remembers, shares, refusals) for t in rim.troubles()
+                t for rim in (shown, remembers, shares, refusals, beside) for t in rim.troubles()
             ):
                 _log(str(trouble))
                 event = Event(config.agent_id, now, Severity.WARNING, str(trouble))
                 shown.run(node.send, keys.EVENT, event)
         shares.run(link.share, now)
+        if companion is not None:
+            beside.run(companion.send)
         shown.run(narration.tell, actions.events, actions.status)
         if actions.ended is not None:
             return actions.ended, status

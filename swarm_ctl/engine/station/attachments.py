@@ -32,8 +32,8 @@ _END_WALL_S: Final = 2.0
 class _Handle:
     """A station as an extension has it."""
 
-    def __init__(self, station: Station) -> None:
-        self.plan, self.name = station.plan, station.name
+    def __init__(self, station: Station, agent: int | None) -> None:
+        self.plan, self.name, self.agent = station.plan, station.name, agent
         self.speedup, self.now = station.clock.speedup, station.clock.now
         self.stepped = station.clock.stepped
         self.given = deque[tuple[Order, Callable[[Answer], None]]]()
@@ -54,9 +54,9 @@ class _Handle:
 class _Attachment:
     """One extension, its thread, and what waits for it."""
 
-    def __init__(self, word: str, station: Station) -> None:
+    def __init__(self, word: str, station: Station, agent: int | None) -> None:
         name, kind, argument = wanted(word)
-        self._station, self._handle = station, _Handle(station)
+        self._station, self._handle = station, _Handle(station, agent)
         self._calls: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._view: SwarmView | None = None
@@ -173,16 +173,17 @@ class Attachments:
     Args:
         words: each `NAME[=ARGUMENT]`.
         station: gets their orders, in its own turns, and tells their troubles.
+        agent: the one that the station is beside; None: it is an operator's.
 
     Raises:
         InputError, StartError: one of them can't be attached; the others are closed.
     """
 
-    def __init__(self, words: Sequence[str], station: Station) -> None:
+    def __init__(self, words: Sequence[str], station: Station, agent: int | None = None) -> None:
         self._all: list[_Attachment] = []
         try:
             for word in words:
-                self._all.append(_Attachment(word, station))
+                self._all.append(_Attachment(word, station, agent))
         except BaseException:
             self.close()
             raise

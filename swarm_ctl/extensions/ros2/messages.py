@@ -8,7 +8,7 @@ made up: of a drone's rotation nothing is known here, so its frame has the axes 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -139,19 +139,18 @@ def transforms(states: Iterable[tuple[AgentState, Time]]) -> Transforms:
     )
 
 
-def markers(view: SwarmView, at: Time, lifetime_s: float) -> MarkerArray:
-    """The swarm as RViz draws it: drones with names and keep-out discs (`r_in`), slots, links
-    between neighbours, zones and targets. A marker is gone `lifetime_s` after the last that was
-    sent of it."""
+def markers(
+    view: SwarmView, at: Time, lifetime_s: float, drones: Collection[int], own: int | None = None
+) -> MarkerArray:
+    """The swarm as RViz draws it: these drones with names, keep-out discs (`r_in`) and slots; links
+    between neighbours, zones and targets, unless it is the picture of an agent's `own` part. A
+    marker is gone `lifetime_s` after the last that was sent of it."""
     look = _Look(at, lifetime_s, 0.25 * view.plan.law.r_in * view.plan.unit_m)
     states = {agent.id: agent.state for agent in view.agents if agent.state is not None}
-    found = [
-        *_drones(view, look),
-        *_slots(view, states, look),
-        *_links(view, states, look),
-        *_zones(view, look),
-        *_targets(view, look),
-    ]
+    told = [agent for agent in view.agents if agent.id in drones]
+    found = [*_drones(view, told, look), *_slots(told, look)]
+    if own is None:
+        found += [*_links(view, states, look), *_zones(view, look), *_targets(view, look)]
     return MarkerArray(found)
 
 
@@ -200,9 +199,9 @@ class _Look(NamedTuple):
         )
 
 
-def _drones(view: SwarmView, look: _Look) -> Iterator[Marker]:
+def _drones(view: SwarmView, agents: Sequence[AgentView], look: _Look) -> Iterator[Marker]:
     r_in = 4 * look.size_m
-    for agent in view.agents:
+    for agent in agents:
         if agent.state is None:
             continue
         north, east, down = agent.state.position_ned_m
@@ -220,11 +219,11 @@ def _drones(view: SwarmView, look: _Look) -> Iterator[Marker]:
         )
 
 
-def _slots(view: SwarmView, states: dict[int, AgentState], look: _Look) -> Iterator[Marker]:
+def _slots(agents: Sequence[AgentView], look: _Look) -> Iterator[Marker]:
     """Where each drone belongs, at its own height."""
-    for agent in view.agents:
-        if agent.target_m is not None and agent.id in states:
-            place = _pose((*agent.target_m, states[agent.id].position_ned_m[2]))
+    for agent in agents:
+        if agent.target_m is not None and agent.state is not None:
+            place = _pose((*agent.target_m, agent.state.position_ned_m[2]))
             ball = (look.size_m, look.size_m, look.size_m)
             yield look.marker("slots", agent.id, Marker.SPHERE, ball, _GREEN, place=place)
 
@@ -274,14 +273,19 @@ def _color(agent: AgentView) -> Color:
     return _ORANGE if agent.status is not None and agent.status.action is not None else _CYAN
 
 
-def diagnostics(view: SwarmView, at: Time) -> Diagnostics:
-    """The alarms that stand, of each drone and of the swarm, with the figures that matter most."""
+def diagnostics(view: SwarmView, at: Time, own: int | None = None) -> Diagnostics:
+    """The alarms that stand, of each drone and of the swarm, with the figures that matter most; or
+    those that an agent sees at its `own` drone, under a name of their own."""
     standing = alarms(view)
+    if own is not None:
+        (agent,) = (agent for agent in view.agents if agent.id == own)
+        alone = [alarm for alarm in standing if own in alarm.agents]
+        return Diagnostics(Header(at, ""), [_drone(view, agent, alone, f"agent {own}")])
     whole = [alarm for alarm in standing if not alarm.agents]
     found = [_swarm(view, whole, len(standing))]
     for agent in view.agents:
-        own = [alarm for alarm in standing if agent.id in alarm.agents]
-        found.append(_drone(view, agent, own))
+        told = [alarm for alarm in standing if agent.id in alarm.agents]
+        found.append(_drone(view, agent, told, f"drone {agent.id}"))
     return Diagnostics(Header(at, ""), found)
 
 
@@ -298,7 +302,7 @@ def _swarm(view: SwarmView, own: Sequence[Alarm], count: int) -> Diagnosis:
     return _diagnosis("swarm", view.plan.name, level, message, values)
 
 
-def _drone(view: SwarmView, agent: AgentView, own: Sequence[Alarm]) -> Diagnosis:
+def _drone(view: SwarmView, agent: AgentView, own: Sequence[Alarm], part: str) -> Diagnosis:
     status, phase = agent.status, agent.phase
     values = {
         "phase": "" if phase is None else phase.name.lower(),
@@ -313,7 +317,7 @@ def _drone(view: SwarmView, agent: AgentView, own: Sequence[Alarm]) -> Diagnosis
     level, message = _told(own, values["phase"] or "not heard yet")
     if agent.lost or phase is None:
         level = _STALE
-    return _diagnosis(f"drone {agent.id}", drone(agent.id), level, message, values)
+    return _diagnosis(part, drone(agent.id), level, message, values)
 
 
 def _diagnosis(

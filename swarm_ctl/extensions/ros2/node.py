@@ -26,6 +26,7 @@ from swarm_ctl.extensions.ros2.rmw import (
     NodeName,
     cdr,
     gid,
+    nodes_of,
     trigger_response,
     type_of,
 )
@@ -78,6 +79,10 @@ class _Publisher:
     def __init__(self, publisher: Any, token: Any, gid: bytes) -> None:
         self._publisher, self._token, self._gid, self._number = publisher, token, gid, 0
 
+    def end(self) -> None:
+        self._token.undeclare()
+        self._publisher.undeclare()
+
     def put(self, data: bytes) -> None:
         self._number += 1
         sent = Attachment(self._number, _unix_ns(), self._gid)
@@ -118,7 +123,24 @@ class Ros2Node:
             raise StartError(f"ros2: its zenoh session does not open: {_words(error)}") from None
         self._name = NodeName(domain, str(self._session.info.zid()), name)
         self._publishers: dict[str, _Publisher] = {}
-        self._kept: list[Any] = [self._declare_token(self._name.token())]
+        self._declared = 0
+        self._others: dict[str, str] = {}
+        seen = self._session.liveliness().declare_subscriber(
+            nodes_of(domain), self._saw, history=True
+        )
+        self._kept: list[Any] = [seen, self._declare_token(self._name.token())]
+
+    def _saw(self, sample: Any) -> None:
+        """On zenoh's thread."""
+        token = str(sample.key_expr)
+        if sample.kind == zenoh.SampleKind.DELETE:
+            self._others.pop(token, None)
+        elif token != self._name.token():
+            self._others[token] = token.rpartition("/")[2]
+
+    def others(self) -> frozenset[str]:
+        """The names of the other nodes in the root namespace that are there now."""
+        return frozenset(self._others.copy().values())
 
     def publish(self, topic: str, message: Any) -> None:
         """One of rosbags' messages; `topic` is the same type's always."""
@@ -126,6 +148,12 @@ class Ros2Node:
         if publisher is None:
             publisher = self._publishers[topic] = self._declare(topic, message)
         publisher.put(cdr(message))
+
+    def retract(self, topic: str) -> None:
+        """Publish this topic no more, until the next message."""
+        publisher = self._publishers.pop(topic, None)
+        if publisher is not None:
+            publisher.end()
 
     def _declare(self, topic: str, message: Any) -> _Publisher:
         of = type_of(message)
@@ -156,7 +184,9 @@ class Ros2Node:
         self._kept.append(self._declare_token(token))
 
     def _number(self) -> int:
-        return 1 + len(self._publishers) + len(self._kept)
+        """None is given twice."""
+        self._declared += 1
+        return self._declared
 
     def _declare_token(self, token: str) -> Any:
         """zenoh ends a token that Python forgets."""
@@ -213,11 +243,16 @@ def _endpoints(config: zenoh.Config) -> list[str]:
 
 
 def _rights(identity: Identity, domain: int) -> dict[str, Any]:
-    """All members hear; operators ask, too."""
+    """All members hear; operators ask, and say who else is there, too."""
     keys = [f"{domain}/**", f"@ros2_lv/{domain}/**"]
     both, tells = ["ingress", "egress"], ["put", "liveliness_token", "declare_queryable", "reply"]
     hears = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
-    rules = [("hears", both, hears), ("is told", ["egress"], tells), ("orders", both, ["query"])]
+    rules = [
+        ("hears", both, hears),
+        ("is told", ["egress"], tells),
+        ("orders", both, ["query"]),
+        ("is there", ["ingress"], ["liveliness_token"]),
+    ]
     members = identity.roster.current
     operators = [each.common_name for each in members if each.role is Role.OPERATOR]
     return {
@@ -233,7 +268,7 @@ def _rights(identity: Identity, domain: int) -> dict[str, Any]:
         ],
         "policies": [
             {"rules": ["hears", "is told"], "subjects": ["members"]},
-            {"rules": ["orders"], "subjects": ["operators"]},
+            {"rules": ["orders", "is there"], "subjects": ["operators"]},
         ],
     }
 

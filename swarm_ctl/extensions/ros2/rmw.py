@@ -108,6 +108,11 @@ class NodeName:
         return f"@ros2_lv/{self.domain}/{self.session}/0/{number}/{kind}/%/%/{self.name}"
 
 
+def nodes_of(domain: int) -> str:
+    """Matches the tokens of all nodes in a domain's root namespace."""
+    return f"@ros2_lv/{domain}/*/*/*/{EntityKind.NODE}/%/%/*"
+
+
 def gid(token: str) -> bytes:
     """By which ROS 2 knows the one whose liveliness token that is: 16 bytes."""
     return xxhash.xxh3_128_digest(token.encode())[::-1]

@@ -1,8 +1,9 @@
-"""A station's swarm in ROS 2: its states, pictures and alarms as topics, an operator's orders as
-services.
+"""A swarm in ROS 2: its states, pictures and alarms as topics, an operator's orders as services.
 
 Topics and services have fixed names, so that a layout of RViz fits every mission: what flies beside
-is another domain.
+is another domain. A station tells all drones, an agent's own computer its drone under the same
+names. So that no topic has two publishers, a station leaves each drone to the agent that is in the
+graph, and takes it again when that has gone.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.engine import clock as wall
 from swarm_ctl.errors import InputError
 from swarm_ctl.extension import Answer, Extension, StationHandle
+from swarm_ctl.extensions.ros2 import domain_of
 from swarm_ctl.extensions.ros2.messages import (
     NANO,
     clock,
@@ -41,7 +43,6 @@ from swarm_ctl.station.picture.view import SwarmView
 from swarm_ctl.trust.identity import Identity, load_identity
 
 _NODE: Final = "swarm_ctl"
-_LAST_DOMAIN: Final = 232
 _ORDERS: Final = "orders"
 _OF_SOME: Final = (CommandKind.HOLD, CommandKind.RESUME, CommandKind.LAND, CommandKind.RETURN)
 _OF_ALL: Final = (*_OF_SOME, CommandKind.NEXT)
@@ -50,6 +51,7 @@ _DIAGNOSTICS_WALL_S: Final = 1.0
 """The usual rate of `/diagnostics`."""
 _LIFETIME_WALL_S: Final = 2.0
 """Of a marker; a station looks at least every half second."""
+_OWN_TOPICS: Final = ("pose", "odom", "fix")
 _NO_PICTURE: Final = "the station has no picture of the swarm yet"
 
 
@@ -73,10 +75,16 @@ def _free(name: str, taken: Mapping[str, str]) -> str:
     return name if name not in taken else next(each for each in numbered if each not in taken)
 
 
+def node_name(agent: int | None) -> str:
+    """Of an agent's node; None: of a station's."""
+    return _NODE if agent is None else f"{_NODE}_{drone(agent)}"
+
+
 class Ros2(Extension):
-    """The swarm of one station in a domain of ROS 2, its argument: DOMAIN, DOMAIN,FOLDER with the
-    keys that guard the link to ROS 2, or DOMAIN,orders, which lets all that reach ROS 2's router
-    order a swarm without keys. Without a domain: `ROS_DOMAIN_ID`, or 0.
+    """The swarm of one station, or the drone of one agent, in a domain of ROS 2, its argument:
+    DOMAIN, DOMAIN,FOLDER with the keys that guard the link to ROS 2, or DOMAIN,orders, which lets
+    all that reach ROS 2's router order a swarm without keys. Without a domain: `ROS_DOMAIN_ID`, or
+    0.
 
     Where mission time is not the wall clock's, `/clock` tells it, and stamps are of it.
     """
@@ -95,8 +103,12 @@ class Ros2(Extension):
         self._due_wall_s = 0.0
         self._why_not = _NO_PICTURE
         """Why no orders are taken; '' where they are."""
-        self._orders = services(station.plan)
-        self._node = Ros2Node(domain, _NODE, identity)
+        self._own = station.agent
+        self._orders = services(station.plan) if self._own is None else {}
+        self._node = Ros2Node(domain, node_name(self._own), identity)
+        ids = [None, *(agent.id for agent in station.plan.agents)]
+        self._before = {node_name(each) for each in ids[: ids.index(self._own)]}
+        """The nodes that tell the clock before this one does."""
         for service in self._orders:
             self._node.serve(service, self._order)
         self.sink = self
@@ -116,6 +128,8 @@ class Ros2(Extension):
         state: AgentState = adapter(AgentState).validate_json(data)
         now_s = self._station.now()
         self._tell_clock(now_s)
+        if not self._tells(state.agent):
+            return
         at, name = self._stamp(state.time_s, now_s), drone(state.agent)
         accuracy_m = self._accuracy_m.get(state.agent)
         self._node.publish(f"/{name}/pose", pose(state, at))
@@ -130,13 +144,18 @@ class Ros2(Extension):
 
     def take(self, view: SwarmView) -> None:
         before, self._why_not = self._why_not, self._why_no_orders(view.protection)
-        if self._why_not not in ("", before):
+        if self._orders and self._why_not not in ("", before):
             self._station.tell(f"no orders from ROS 2: {self._why_not}")
         self._tell_clock(view.time_s)
         at = self._stamp(view.time_s, view.time_s)
         lifetime_s = _LIFETIME_WALL_S * (view.speedup if self._simulated else 1.0)
-        self._node.publish("/swarm/markers", markers(view, at, lifetime_s))
+        mine = [agent.id for agent in view.agents if self._tells(agent.id)]
+        self._node.publish("/swarm/markers", markers(view, at, lifetime_s, mine, self._own))
         for agent in view.agents:
+            if agent.id not in mine:
+                for topic in _OWN_TOPICS:
+                    self._node.retract(f"/{drone(agent.id)}/{topic}")
+                continue
             accuracy_m = agent.status.position_accuracy_m if agent.status else None
             self._accuracy_m[agent.id] = accuracy_m
             if agent.state is not None and agent.in_plan and not agent.lost:
@@ -145,7 +164,13 @@ class Ros2(Extension):
                 self._node.publish(f"/{drone(agent.id)}/fix", told)
         if wall.wall_s() >= self._due_wall_s:
             self._due_wall_s = wall.wall_s() + _DIAGNOSTICS_WALL_S
-            self._node.publish("/diagnostics", diagnostics(view, at))
+            self._node.publish("/diagnostics", diagnostics(view, at, self._own))
+
+    def _tells(self, agent: int) -> bool:
+        """It tells this drone's part: of two that could, the drone's own computer does."""
+        if self._own is not None:
+            return agent == self._own
+        return node_name(agent) not in self._node.others()
 
     def _why_no_orders(self, protection: Protection) -> str:
         """'' where they are taken: from others no easier than on the mesh. ROS 2's router listens
@@ -166,7 +191,8 @@ class Ros2(Extension):
         return ""
 
     def _tell_clock(self, now_s: float) -> None:
-        if self._simulated and now_s > self._clock_s:
+        """Of all nodes of the swarm, the station's does; else that of the first agent."""
+        if self._simulated and now_s > self._clock_s and not self._before & self._node.others():
             self._clock_s = now_s
             self._node.publish("/clock", clock(round(now_s * NANO)))
 
@@ -198,10 +224,7 @@ class Ros2(Extension):
 def _argument(argument: str, environment: Mapping[str, str]) -> tuple[int, Identity | None, bool]:
     """The domain, whose keys guard the link to ROS 2, and whether all that reach it may order."""
     text, _, more = argument.partition(",")
-    told = text or environment.get("ROS_DOMAIN_ID") or "0"
-    if not (told.isascii() and told.isdecimal() and int(told) <= _LAST_DOMAIN):
-        where = f"ros2={argument}" if text else f"ROS_DOMAIN_ID={told}"
-        raise InputError(f"{where}: is no domain of ROS 2; allowed: 0 to {_LAST_DOMAIN}")
+    domain = domain_of(text, environment)
     if more == _ORDERS:
-        return int(told), None, True
-    return int(told), load_identity(Path(more)) if more else None, False
+        return domain, None, True
+    return domain, load_identity(Path(more)) if more else None, False

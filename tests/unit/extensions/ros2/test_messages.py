@@ -128,7 +128,7 @@ def test_every_picture_is_drawn(read: Read, name: str) -> None:
     """Each drone that was heard once, with its name and its disc; no two markers of one name and
     number, none without a size or a colour, none that stays for ever."""
     view = PICTURES[name]()
-    told = read(markers(view, AT, 2.5)).markers
+    told = read(markers(view, AT, 2.5, [agent.id for agent in view.agents])).markers
     kinds = [(each.ns, each.id) for each in told]
     assert len(set(kinds)) == len(kinds)
     heard = {agent.id for agent in view.agents if agent.state is not None}

@@ -121,6 +121,19 @@ def test_the_graph_sees_topics_and_services_come_and_go(router: int, sdk: Any) -
     until(lambda: not sdk.get_topic_names_and_types(**there))
 
 
+def test_a_node_sees_others_come_and_go_and_ends_single_topics(router: int, sdk: Any) -> None:
+    made, other = (Ros2Node(DOMAIN, name, None, at(router)) for name in ("a", "b"))
+    until(lambda: made.others() == {"b"} and other.others() == {"a"})
+    there = {"domain_id": DOMAIN, "router_port": router}
+    for number, topic in enumerate(("/clock", "/clock_of_b"), 1):
+        other.publish(topic, clock(number))
+    other.retract("/clock")
+    until(lambda: [name for name, _ in sdk.get_topic_names_and_types(**there)] == ["/clock_of_b"])
+    other.close()
+    until(lambda: not made.others())
+    made.close()
+
+
 def test_a_client_by_others_calls_a_service(router: int, node: Ros2Node, sdk: Any) -> None:
     node.serve("/swarm/hold", lambda r: r.answer(True, f"{r.service}: accepted by agents 1-6"))
     asking = sdk.ROS2ServiceClient(

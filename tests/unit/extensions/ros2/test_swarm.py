@@ -52,6 +52,8 @@ class Graph:
         self.domain, self.name, self.identity = domain, name, identity
         self.served: dict[str, Callable[[Any], None]] = {}
         self.told = list[tuple[str, Any]]()
+        self.there = set[str]()
+        self.retracted = set[str]()
         self.closed = False
 
     def serve(self, service: str, take: Callable[[Any], None]) -> None:
@@ -59,6 +61,12 @@ class Graph:
 
     def publish(self, topic: str, message: Any) -> None:
         self.told.append((topic, message))
+
+    def retract(self, topic: str) -> None:
+        self.retracted.add(topic)
+
+    def others(self) -> frozenset[str]:
+        return frozenset(self.there)
 
     def close(self) -> None:
         self.closed = True
@@ -73,8 +81,8 @@ class Desk:
 
     name, speedup, stepped = "station", 1.0, False
 
-    def __init__(self, plan: Plan = PLAN) -> None:
-        self.plan, self.time_s = plan, 5.0
+    def __init__(self, plan: Plan = PLAN, agent: int | None = None) -> None:
+        self.plan, self.agent, self.time_s = plan, agent, 5.0
         self.orders = list[tuple[Order, Callable[[Answer], None]]]()
         self.told = list[str]()
 
@@ -289,6 +297,67 @@ def test_keys_of_another_swarm_are_refused(tmp_path: Path, monkeypatch: pytest.M
     Ros2.check(word)
     with pytest.raises(InputError, match="its keys are of the swarm field; allowed: those of"):
         Ros2(word, Desk())
+
+
+def test_an_agent_tells_its_drone_alone_and_serves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Under the station's names. What it sees at its drone stands beside what the station sees."""
+    flight = Flight(monkeypatch, Desk(agent=3), "5")
+    assert flight.graph.name == "swarm_ctl_drone_3"
+    assert not flight.graph.served
+    flight.tell(2, 5.0)
+    assert not flight.graph.told
+    flight.tell(3, 5.0)
+    assert flight.graph.topics() == {"/drone_3/pose": 1, "/drone_3/odom": 1, "/tf": 1}
+    flight.swarm.take(PICTURES["well"]())
+    told = dict(flight.graph.told)
+    assert told.keys() == {"/drone_3/fix", "/swarm/markers", "/diagnostics"}
+    assert {(m.ns, m.id) for m in told["/swarm/markers"].markers} == {
+        (name, 3) for name in ("drones", "keep_out", "names", "slots")
+    }
+    (status,) = told["/diagnostics"].status
+    assert (status.name, status.hardware_id) == ("swarm_ctl: agent 3", "drone_3")
+    assert not flight.desk.told
+    flight.swarm.close()
+
+
+def test_a_station_leaves_a_drone_to_its_own_agent_while_that_is_there(flight: Flight) -> None:
+    flight.graph.there = {"swarm_ctl_drone_3", "rviz"}
+    for agent in IDS:
+        flight.tell(agent, 5.0)
+    flight.swarm.take(PICTURES["well"]())
+    told = dict(flight.graph.told)
+    assert {f"/drone_{i}/odom" for i in IDS} - told.keys() == {"/drone_3/odom"}
+    assert flight.graph.retracted == {f"/drone_3/{each}" for each in ("pose", "odom", "fix")}
+    drawn = {(m.ns, m.id) for m in told["/swarm/markers"].markers}
+    assert ("drones", 2) in drawn
+    assert ("links", 0) in drawn
+    assert ("drones", 3) not in drawn
+    assert ("slots", 3) not in drawn
+    flight.graph.there = {"rviz"}
+    flight.graph.told.clear()
+    flight.tell(3, 5.1)
+    assert "/drone_3/odom" in flight.graph.topics()
+
+
+@pytest.mark.parametrize(
+    ("agent", "there", "tells"),
+    [
+        (None, {"swarm_ctl_drone_1"}, True),
+        (3, set[str](), True),
+        (3, {"swarm_ctl_drone_4"}, True),
+        (3, {"swarm_ctl"}, False),
+        (3, {"swarm_ctl_drone_1"}, False),
+    ],
+)
+def test_one_node_tells_simulated_time(
+    agent: int | None, there: set[str], tells: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    desk = Desk(agent=agent)
+    desk.speedup = 5.0
+    flight = Flight(monkeypatch, desk, "5")
+    flight.graph.there = there
+    flight.tell(3, 5.0)
+    assert ("/clock" in flight.graph.topics()) is tells
 
 
 @pytest.mark.parametrize("plan", [PLAN, groups_mission().plan], ids=["hexagon", "groups"])
