@@ -48,12 +48,7 @@ def answers(
 
 def refusals(sent: SentCommand) -> Iterator[str]:
     """A line for each reason, with the agents that gave it."""
-    refused: dict[str, list[int]] = {}
-    for agent, reason in sorted(sent.reasons.items()):
-        # the agent is named before it
-        words = reason.removeprefix(f"agent {agent} ").removeprefix("is ")
-        refused.setdefault(words, []).append(agent)
-    for reason, agents in refused.items():
+    for reason, agents in sent.refusals.items():
         yield f"{agents_named(agents)}: refused: {reason}"
 
 

@@ -37,7 +37,7 @@ class SentCommand:
         """`<hold: accepted by agents 1-3; refused by agent 4: why>`."""
         taken = [agent for agent, ack in self.acks.items() if ack.accepted]
         told = [f"accepted by {agents_named(taken)}"] if taken else []
-        told += [f"refused by agent {agent}: {why}" for agent, why in self.reasons.items()]
+        told += [f"refused by {agents_named(ids)}: {why}" for why, ids in self.refusals.items()]
         told += [f"no answer from {agents_named(self.silent)}"] if self.silent else []
         return f"<{self.command.kind}: {self.failed or '; '.join(told)}>"
 
@@ -50,6 +50,15 @@ class SentCommand:
     def reasons(self) -> dict[int, str]:
         """Why, by agent that refused."""
         return {agent: ack.reason for agent, ack in self.acks.items() if not ack.accepted}
+
+    @property
+    def refusals(self) -> dict[str, list[int]]:
+        """The agents that refused, by their reason, which names none of them."""
+        found: dict[str, list[int]] = {}
+        for agent, reason in sorted(self.reasons.items()):
+            words = reason.removeprefix(f"agent {agent} ").removeprefix("is ")
+            found.setdefault(words, []).append(agent)
+        return found
 
     @property
     def accepted(self) -> bool:

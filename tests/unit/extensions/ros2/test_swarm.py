@@ -199,12 +199,12 @@ def test_a_refused_order_says_who_refused_it_and_why(flight: Flight) -> None:
     asked, other = flight.ask("/swarm/hold"), flight.ask("/swarm/form/hexagon")
     (_, answered), (order, refused) = flight.desk.orders
     assert order.arguments == ("hexagon",)
-    sent = SentCommand(Command("c1", "hold", (), 5.0), (1, 2))
-    sent.acks[1] = Ack(1, "c1", False, "a pilot has it")
+    sent = SentCommand(Command("c1", "hold", (), 5.0), (1, 2, 3))
+    sent.acks |= {i: Ack(i, "c1", False, f"agent {i} is not flying yet") for i in (1, 3)}
     answered(sent)
     refused(InputError("form: the swarm lands"))
     assert asked.answers == [
-        (False, "hold: refused by agent 1: a pilot has it; no answer from agent 2")
+        (False, "hold: refused by agents 1, 3: not flying yet; no answer from agent 2")
     ]
     assert other.answers == [(False, "form: the swarm lands")]
 
