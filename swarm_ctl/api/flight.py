@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TypeAlias
@@ -176,20 +176,13 @@ class SwarmFlight(ABC):
         when there is no such step, InputError when there is no such group.
         """
         __tracebackhide__ = True
-        number, until = self.step_number(step, group), self.now + within_s
-        agents = self.members(group)
-        while not self.reached(number, agents):
-            if self.now > until or self.over:
-                raise FlightError(
-                    f"step {step!r} was not reached within {within_s:g} s; {self.where}"
-                )
-            self.turn()
+        for _ in turns_to_step(self, step, within_s, group):
+            pass
 
     def wait_s(self, seconds: float) -> None:
         """Let the swarm fly for so long, or to its end."""
-        until = self.now + seconds
-        while self.now < until - _ROUNDING_S and not self.over:
-            self.turn()
+        for _ in turns_for(self, seconds):
+            pass
 
     @abstractmethod
     def give(self, order: Order) -> SentCommand:
@@ -323,3 +316,32 @@ class SwarmFlight(ABC):
             numbers = f"0 to {last}, or {', '.join(dict.fromkeys(name for name, _ in told))}"
             raise ValueError(f"no step {step!r}; allowed: {numbers}")
         return step if isinstance(step, int) else names[step]
+
+
+def turn_before(flight: SwarmFlight, end_s: float, why: str) -> None:
+    """Let a moment go by; FlightError with `why` where it is past `end_s`, or the flight is
+    over."""
+    __tracebackhide__ = True
+    if flight.now > end_s or flight.over:
+        raise FlightError(f"{why}; {flight.where}")
+    flight.turn()
+
+
+def turns_to_step(
+    flight: SwarmFlight, step: int | str, within_s: float, group: str
+) -> Iterator[None]:
+    """The turns of `wait_step`."""
+    __tracebackhide__ = True
+    number, end = flight.step_number(step, group), flight.now + within_s
+    agents = flight.members(group)
+    while not flight.reached(number, agents):
+        turn_before(flight, end, f"step {step!r} was not reached within {within_s:g} s")
+        yield
+
+
+def turns_for(flight: SwarmFlight, seconds: float) -> Iterator[None]:
+    """The turns of so long, or to the flight's end."""
+    until = flight.now + seconds
+    while flight.now < until - _ROUNDING_S and not flight.over:
+        flight.turn()
+        yield

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Final, Never, TypeVar
+from functools import partial, wraps
+from typing import TYPE_CHECKING, Any, Concatenate, Final, Never, ParamSpec, TypeVar
 
-from swarm_ctl.api.flight import FlightError, FlightResult, Named, SwarmFlight
+from swarm_ctl.api.flight import (
+    FlightError,
+    FlightResult,
+    Named,
+    SwarmFlight,
+    turn_before,
+    turns_for,
+    turns_to_step,
+)
 from swarm_ctl.commands.answers import refusals
 from swarm_ctl.commands.parse import Order, parse
 from swarm_ctl.commands.send import SentCommand
@@ -17,6 +26,7 @@ from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.station.picture.alarms import Alarm, alarms
 from swarm_ctl.station.picture.view import SwarmView
 
+P = ParamSpec("P")
 T = TypeVar("T")
 _STEP_S: Final = 300.0
 _END_S: Final = 900.0
@@ -86,9 +96,7 @@ class Swarm:
         """The first view for which the condition holds; FlightError when that takes longer."""
         end = self.now + within_s
         while not condition(view := self.view()):
-            if self.now > end or self.flight.over:
-                raise FlightError(f"not so within {within_s:g} s; {self.flight.where}")
-            self.flight.turn()
+            turn_before(self.flight, end, f"not so within {within_s:g} s")
         return view
 
     # --- what is known ---
@@ -172,13 +180,14 @@ class Swarm:
         follow = self.flight.follow
         return _accepted(follow(target, north_m, east_m, in_course=in_course, group=group))
 
-    def tune(self, **values: float) -> SentCommand:
+    def tune(self, /, **values: float) -> SentCommand:
         """Change the law of all agents at one time, e.g. `tune(h=0.04, kappa=15)`."""
         words = tuple(f"{name}={value!r}" for name, value in values.items())
         return self._order(parse(" ".join((CommandKind.TUNE, *words)), self.plan))
 
     def zone(
         self,
+        /,
         verb: str,
         name: str,
         *,
@@ -219,6 +228,18 @@ class Swarm:
         return self.flight.finish(within_s)
 
 
+def _awaited(
+    call: Callable[Concatenate[Swarm, P], T],
+) -> Callable[Concatenate[AsyncSwarm, P], Coroutine[Any, Any, T]]:
+    """A call of `Swarm` for asyncio, with its parameters and its text."""
+
+    @wraps(call)
+    async def later(self: AsyncSwarm, /, *args: P.args, **kwargs: P.kwargs) -> T:
+        return await self._do(partial(call, self._swarm, *args, **kwargs))
+
+    return later
+
+
 class AsyncSwarm:
     """A `Swarm` for asyncio: the same calls, awaited. They take turns, each on one thread, so that
     a task that waits for a step keeps no other from giving an order."""
@@ -230,6 +251,14 @@ class AsyncSwarm:
     async def _do(self, call: Callable[[], T]) -> T:
         return await asyncio.get_running_loop().run_in_executor(self._thread, call)
 
+    async def _take(self, turns: Iterator[None]) -> None:
+        """Between two of them, other calls have their turn."""
+        while not await self._do(partial(next, turns, True)):
+            pass
+
+    async def _end(self, within_s: float) -> float:
+        return await self._do(lambda: self._flight.now) + within_s
+
     @property
     def plan(self) -> Plan:
         """What is flown: `agents`, `steps`, `law`, ..."""
@@ -237,44 +266,20 @@ class AsyncSwarm:
 
     async def step(self, step: int | str, within_s: float = _STEP_S, *, group: str = "") -> None:
         """`Swarm.step`."""
-        flight = self._flight
-        number, agents = flight.step_number(step, group), flight.members(group)
-        end = await self._do(lambda: flight.now) + within_s
-        while not await self._do(lambda: flight.reached(number, agents)):
-            if not await self._turned_before(end):
-                why = f"step {step!r} was not reached within {within_s:g} s"
-                raise FlightError(f"{why}; {flight.where}")
+        await self._take(turns_to_step(self._flight, step, within_s, group))
 
     async def wait(self, seconds: float) -> None:
         """`Swarm.wait`."""
-        end = await self._do(lambda: self._flight.now) + seconds
-        while await self._turned_before(end):
-            pass
-
-    async def _turned_before(self, end_s: float) -> bool:
-        """Let a moment go by; False where the flight is over, or it is `end_s`."""
-
-        def turned() -> bool:
-            going = not self._flight.over and self._flight.now < end_s
-            if going:
-                self._flight.turn()
-            return going
-
-        return await self._do(turned)
+        await self._take(turns_for(self._flight, seconds))
 
     async def until(
         self, condition: Callable[[SwarmView], bool], within_s: float = _STEP_S
     ) -> SwarmView:
         """`Swarm.until`."""
-        end = await self._do(lambda: self._flight.now) + within_s
+        why, end = f"not so within {within_s:g} s", await self._end(within_s)
         while not condition(view := await self.view()):
-            if not await self._turned_before(end):
-                raise FlightError(f"not so within {within_s:g} s; {self._flight.where}")
+            await self._do(partial(turn_before, self._flight, end, why))
         return view
-
-    async def view(self) -> SwarmView:
-        """`Swarm.view`."""
-        return await self._do(self._swarm.view)
 
     async def views(self, every_s: float = 0.1) -> AsyncIterator[SwarmView]:
         """`Swarm.views`."""
@@ -282,110 +287,31 @@ class AsyncSwarm:
             yield await self.view()
             await self.wait(every_s)
 
-    async def alarms(self) -> tuple[Alarm, ...]:
-        """`Swarm.alarms`."""
-        return await self._do(self._swarm.alarms)
-
-    async def events(self) -> Sequence[Event]:
-        """`Swarm.events`."""
-        return await self._do(self._swarm.events)
-
-    async def send(self, text: str) -> SentCommand:
-        """`Swarm.send`."""
-        return await self._do(lambda: self._swarm.send(text))
-
-    async def hold(self, *agents: Named) -> SentCommand:
-        """`Swarm.hold`."""
-        return await self._do(lambda: self._swarm.hold(*agents))
-
-    async def resume(self, *agents: Named) -> SentCommand:
-        """`Swarm.resume`."""
-        return await self._do(lambda: self._swarm.resume(*agents))
-
-    async def next(self, *agents: Named) -> SentCommand:
-        """`Swarm.next`."""
-        return await self._do(lambda: self._swarm.next(*agents))
-
-    async def form(self, shape: str, *, group: str = "") -> SentCommand:
-        """`Swarm.form`."""
-        return await self._do(lambda: self._swarm.form(shape, group=group))
-
-    async def move(
-        self,
-        north_m: float,
-        east_m: float,
-        speed_mps: float | None = None,
-        *,
-        by: bool = False,
-        group: str = "",
-    ) -> SentCommand:
-        """`Swarm.move`."""
-        move = self._swarm.move
-        return await self._do(lambda: move(north_m, east_m, speed_mps, by=by, group=group))
-
-    async def goto(
-        self, north_m: float, east_m: float, *agents: Named, speed_mps: float | None = None
-    ) -> SentCommand:
-        """`Swarm.goto`."""
-        goto = self._swarm.goto
-        return await self._do(lambda: goto(north_m, east_m, *agents, speed_mps=speed_mps))
-
-    async def launch(self, *agents: Named) -> SentCommand:
-        """`Swarm.launch`."""
-        return await self._do(lambda: self._swarm.launch(*agents))
-
-    async def follow(
-        self,
-        target: str,
-        north_m: float = 0.0,
-        east_m: float = 0.0,
-        *,
-        in_course: bool = False,
-        group: str = "",
-    ) -> SentCommand:
-        """`Swarm.follow`."""
-        follow = self._swarm.follow
-        return await self._do(
-            lambda: follow(target, north_m, east_m, in_course=in_course, group=group)
-        )
-
-    async def tune(self, **values: float) -> SentCommand:
-        """`Swarm.tune`."""
-        return await self._do(lambda: self._swarm.tune(**values))
-
-    async def zone(
-        self,
-        verb: str,
-        name: str,
-        *,
-        circle: tuple[float, float, float] | None = None,
-        polygon: Sequence[tuple[float, float]] = (),
-        **heights: float,
-    ) -> SentCommand:
-        """`Swarm.zone`."""
-        zone = self._swarm.zone
-        return await self._do(lambda: zone(verb, name, circle=circle, polygon=polygon, **heights))
-
-    async def land(self, *agents: Named) -> SentCommand:
-        """`Swarm.land`."""
-        return await self._do(lambda: self._swarm.land(*agents))
-
-    async def return_(self, *agents: Named) -> SentCommand:
-        """`Swarm.return_`."""
-        return await self._do(lambda: self._swarm.return_(*agents))
+    view = _awaited(Swarm.view)
+    alarms = _awaited(Swarm.alarms)
+    events = _awaited(Swarm.events)
+    send = _awaited(Swarm.send)
+    hold = _awaited(Swarm.hold)
+    resume = _awaited(Swarm.resume)
+    next = _awaited(Swarm.next)
+    form = _awaited(Swarm.form)
+    move = _awaited(Swarm.move)
+    goto = _awaited(Swarm.goto)
+    launch = _awaited(Swarm.launch)
+    follow = _awaited(Swarm.follow)
+    tune = _awaited(Swarm.tune)
+    zone = _awaited(Swarm.zone)
+    land = _awaited(Swarm.land)
+    return_ = _awaited(Swarm.return_)
 
     if not TYPE_CHECKING:  # which knows all calls
-
-        def __getattr__(self, name: str) -> Never:
-            raise AttributeError(_no_call(self, name), name=name, obj=self)
+        __getattr__ = Swarm.__getattr__
 
     async def finish(self, within_s: float = _END_S) -> FlightResult:
         """`Swarm.finish`."""
-        end = await self._do(lambda: self._flight.now) + within_s
-        while await self._turned_before(end):
-            pass
-        rest_s = max(0.0, end - await self._do(lambda: self._flight.now))
-        return await self._do(lambda: self._swarm.finish(rest_s))
+        end = await self._end(within_s)
+        await self.wait(within_s)
+        return await self._do(lambda: self._swarm.finish(max(0.0, end - self._flight.now)))
 
     def leave(self) -> None:
         """End the thread."""

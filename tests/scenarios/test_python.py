@@ -193,7 +193,7 @@ def test_an_async_end_waits_for_its_time_once() -> None:
 
     flight = Endless()
     swarm = AsyncSwarm(Swarm(flight))  # type: ignore[arg-type]
-    asyncio.run(swarm.finish(10.0))  # type: ignore[arg-type]
+    asyncio.run(swarm.finish(10.0))
     swarm.leave()
     assert flight.now + flight.rest_s == 10.0
 
