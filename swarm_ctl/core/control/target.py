@@ -403,8 +403,10 @@ class Targets:
 
     def _kept_clear(self, now: float, down_m: float) -> Iterator[OtherAircraft]:
         for name, tracker in self._trackers.items():
-            known = tracker.now(now)
-            if known is None or self._of[name].agent:
+            known, target = tracker.now(now), self._of[name]
+            if known is None or target.agent:
+                continue
+            if target.way_m and not known.fresh:  # its step is over: nobody plays it any more
                 continue
             if known.height_m is not None and abs(known.height_m + down_m) > _HEIGHT_M:
                 continue
