@@ -60,6 +60,8 @@ class StepExecutor:
         self._takeover = takeover
         self._scattered = False
         """A `hold` command came before the shape was formed: stay, do not go on forming."""
+        self._stays_up = False
+        """It has stopped its climb for that."""
         self._inside_since: float | None = None
         self._judged_s = 0.0
         self._flies_since: float | None = None
@@ -77,6 +79,7 @@ class StepExecutor:
         still = self._scattered and kind == CommandKind.HOLD
         forms = before is not None and before.new_shape is not None
         self._scattered = forms or still or self._group.away
+        self._stays_up = still and self._stays_up
 
     def decide(self, tick: Tick, own_m: Point) -> Intent:
         """What the agent does in this tick; `own_m` is its stop point."""
@@ -204,6 +207,7 @@ class StepExecutor:
             reason = f"the operator commands: {override.kind}"
             stands = override.kind == CommandKind.HOLD and self._scattered
             if stands or override.kind == CommandKind.EXPEL:
+                self._stay_up(tick)
                 return Intent(KeepClear(), Phase.FLY, reason)
             sent_to = self._command_handler.sent_to
             if sent_to is not None:
@@ -235,6 +239,13 @@ class StepExecutor:
         if override is None:
             self._judge(tick, step, own_m)
         return Intent(course, Phase.FLY, reason)
+
+    def _stay_up(self, tick: Tick) -> None:
+        """At the height that a command to stay finds it at, on its way to that of its slot."""
+        vehicle, fix = self._vehicle, tick.newest_fix
+        if not self._stays_up and self._group.high and fix is not None:
+            self._stays_up = True
+            vehicle.fly_up(vehicle.up_m + vehicle.height(fix) - vehicle.planned_height_m)
 
     def _exchange_slots(self, tick: Tick, step: Step, own_m: Point) -> None:
         """Exchange slots with an agent that is in the way, where the step allows it."""
