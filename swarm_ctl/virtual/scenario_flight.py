@@ -12,7 +12,7 @@ from typing import Final
 
 from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.model.messages import AgentStatus, Event, Phase
-from swarm_ctl.core.model.plan import Plan, Policy
+from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S
 from swarm_ctl.engine.collector import collected_rarely
 from swarm_ctl.engine.script import HELD_S, Holding, holds
@@ -171,8 +171,6 @@ class ScenarioFlight:
             yield end_s, lambda: self._stop(happening.stop or (), False)
         elif happening.station:
             yield at_s, self.kill_station
-            if end_s is None and self.plan.policies.station_lost is Policy.HOLD:
-                end_s = self.scenario.ends_s  # they would hold until their batteries are low
             if end_s is not None:
                 yield end_s, self._station_comes
         elif happening.part is not None:
@@ -288,13 +286,20 @@ class ScenarioFlight:
         swarm.tick()
 
     def _operate(self) -> None:
-        """The station's turn, and the operator's."""
+        """The station's turn, and the operator's. Where agents hold without a station, another one
+        comes in the end: they would hold until their batteries are low."""
         if self.station is not None:
             self.station.turn()
-            if self.lands_the_held and self._holding.lands(
-                holds(self.station.states()), self.swarm.now
-            ):
-                self._order("land")
+            states = list(self.station.states())
+        else:
+            live = (m.state for m in self.swarm.members.values() if m.alive)
+            states = [state for state in live if state is not None]
+        if not self.lands_the_held or not self._holding.lands(holds(states), self.swarm.now):
+            return
+        if self.station is not None:
+            self._order("land")
+        else:
+            self._station_comes()
 
     def _meet(self, happening: Happening) -> Met:
         live = [m.status for m in self.swarm.members.values() if m.alive and m.status is not None]

@@ -66,6 +66,8 @@ class VirtualAgent:
     frozen: bool = False
     ended: Ended | None = None
     status: AgentStatus | None = None
+    state: AgentState | None = None
+    """As it was told last."""
     goals: list[str] = field(default_factory=list)
     near: frozenset[int] = frozenset()
     """Its near peers in a large swarm."""
@@ -282,6 +284,8 @@ class VirtualSwarm:
         name = type(actions.goal).__name__
         if not member.goals or member.goals[-1] != name:
             member.goals.append(name)
+        if actions.state is not None:
+            member.state = actions.state
         if actions.status is not None:
             member.status = actions.status
             member.remembering.serve(member.link, actions.status.own)
