@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass, field
 
 from swarm_ctl.core.agent.failsafes import FailsafeTrigger
-from swarm_ctl.core.agent.own_vehicle import OwnVehicle
+from swarm_ctl.core.agent.own_vehicle import HOLDS_M, OwnVehicle
 from swarm_ctl.core.agent.progress import Progress
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.model.causes import FailsafeAction
@@ -71,10 +71,11 @@ class Interruption:
         else:
             severity = Severity.ERROR if trigger.outcome is Outcome.FAILED else Severity.WARNING
             self._log.say(tick.now, severity, f"{trigger.action}: {trigger.reason}")
-            if trigger.action is not FailsafeAction.HOLD:
+            holds = trigger.action is FailsafeAction.HOLD
+            if not holds:
                 self._progress.break_off(trigger.step_outcome, tick.now)
+            self._vehicle.stop_climbing(tick.newest_fix, HOLDS_M if holds else 0.0)
         self.trigger, self.since_s = trigger, tick.now
-        self._vehicle.stop_climbing(tick.newest_fix)
 
     def go_over_to(self, trigger: FailsafeTrigger, *, anew_s: float | None = None) -> None:
         """What is carried out has come to this; `anew_s`: it begins again at that time."""

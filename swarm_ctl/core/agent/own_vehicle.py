@@ -15,6 +15,8 @@ from swarm_ctl.core.model.vehicle import FALLS_MPS
 
 _FLOWN_M: Final = 1.0
 """A position estimate on the ground wanders by less."""
+HOLDS_M: Final = 2.0
+"""Nobody holds lower: heights err, and the vehicle would touch the ground."""
 _FELL_S: Final = 5.0
 """From a fall to the heartbeats that say `disarmed`: they come once a second."""
 _SUNK_M: Final = 3.0
@@ -141,10 +143,11 @@ class OwnVehicle:
         """The height of the way back."""
         self.target_height_m = height_m
 
-    def stop_climbing(self, fix: OwnFix | None) -> None:
-        """Never climb on while stopping."""
+    def stop_climbing(self, fix: OwnFix | None, least_m: float) -> None:
+        """Never climb on while stopping, but to `least_m`."""
         if fix is not None:
-            self.target_height_m = min(self.target_height_m, self.height(fix))
+            height_m = max(self.height(fix), least_m)
+            self.target_height_m = min(self.target_height_m, height_m)
 
     def climb_again(self) -> None:
         """Back to the mission's height."""

@@ -409,3 +409,16 @@ def test_a_hold_keeps_its_height_whatever_its_figure() -> None:
     lower = fix(height_m=1.0)
     own.interruption.heed(tick(now=NOW + 1, fix=lower), failed(HOLDS, "wind of 10", Cause.WIND))
     assert (own.interruption.since_s, own.vehicle.target_height_m) == (began_s, height_m)
+
+
+@pytest.mark.parametrize(("action", "height_m"), [(HOLDS, 2.0), (LANDS, 0.5)])
+def test_a_hold_is_flown_off_the_ground_and_goes_on_to_its_height(
+    action: FailsafeAction, height_m: float
+) -> None:
+    """Half a metre up, noise of the height would touch the ground; a landing need not climb."""
+    own = Own()
+    low = fix(height_m=0.5)
+    own.interruption.heed(tick(now=NOW, fix=low), failed(action, "a reason", Cause.WIND))
+    assert own.vehicle.target_height_m == height_m
+    own.interruption.heed(tick(now=NOW + 1, fix=low), None)
+    assert own.vehicle.target_height_m == own.vehicle.planned_height_m
