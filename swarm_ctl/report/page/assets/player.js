@@ -328,7 +328,7 @@
       for (let n = Math.ceil(bottom / step) * step; n < top; n += step) {
         const [, y] = this.place(n, 0);
         path(pen, [[0, y], [width, y]], ink.grid, 1);
-        words(pen, `${Number(n.toPrecision(6))}`, 3, y - 3, ink.axis);
+        if (y > 30) words(pen, `${Number(n.toPrecision(6))}`, 3, y - 3, ink.axis); // else: `north`
       }
       words(pen, "east [m]", width - 52, height - 20, ink.axis);
       words(pen, "north [m]", 3, 14, ink.axis);
@@ -439,7 +439,7 @@
       const y = (value) => top + head + (half - head - foot) * (1 - clamp(share(value), 0, 1));
       for (const value of levels) {
         path(pen, [[0, y(value)], [width, y(value)]], ink.grid, 1);
-        words(pen, `${value}`, 4, y(value) - 2, ink.axis);
+        words(pen, `${value}`, 4, y(value) + (y(value) < top + 28 ? 11 : -2), ink.axis);
       }
       for (const value of bounds) path(pen, [[0, y(value)], [width, y(value)]], ink.hit, 1, [4, 3]);
       for (const run of runs) {
