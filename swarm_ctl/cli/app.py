@@ -32,6 +32,7 @@ from swarm_ctl.cli.results.report import compare, replay, report
 from swarm_ctl.cli.security.trust import trust
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.options import filled
+from swarm_ctl.cli.studies.evidence import evidence
 from swarm_ctl.cli.studies.fuzz import fuzz
 from swarm_ctl.cli.studies.law import law
 from swarm_ctl.cli.studies.study import options_of_study, paper, study
@@ -51,7 +52,7 @@ app = typer.Typer(
 _COMMANDS: Final[dict[str, tuple[Callable[..., None], ...]]] = {
     "ground": (run, validate, plan, station, send, replay, report, compare, fuzz),
     "": (agent, link, router, target, sim, measure, doctor, schema, keys),
-    "study": (study, paper),
+    "study": (study, paper, evidence),
 }
 """The commands that need an extra, or only the core."""
 

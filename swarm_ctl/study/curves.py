@@ -14,7 +14,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.report.page.drawing import R_IN, bounds, grid, legend, line_style, write
 from swarm_ctl.study.parameter_space import Range, Study
 from swarm_ctl.study.rows import Row
-from swarm_ctl.study.rows_table import wilson
+from swarm_ctl.study.rows_table import exact_interval
 
 _KINDS: Final = (".svg", ".png")
 _LABELS: Final = {
@@ -79,7 +79,7 @@ def _grouped(study: Study, rows: Iterable[Row], over: str, others: list[str]) ->
 def _shares(axes: Axes, line: Mapping[float, list[Row]], failed: str, **style: Any) -> None:
     places = sorted(line)
     hits = [sum(_is(row, failed) for row in line[x]) for x in places]
-    ends = [wilson(hit, len(line[x])) for hit, x in zip(hits, places, strict=True)]
+    ends = [exact_interval(hit, len(line[x])) for hit, x in zip(hits, places, strict=True)]
     shares = [100 * hit / len(line[x]) for hit, x in zip(hits, places, strict=True)]
     axes.plot(places, shares, marker="o", markersize=3, **style)
     low, high = ([100 * end[k] for end in ends] for k in (0, 1))

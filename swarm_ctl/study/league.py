@@ -15,7 +15,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.study.executor import run_study
 from swarm_ctl.study.parameter_space import LEVELS, SafetyLevel, Study
 from swarm_ctl.study.rows import Row, read_rows
-from swarm_ctl.study.rows_table import middle, quantile, share, wilson
+from swarm_ctl.study.rows_table import exact_interval, middle, quantile, share
 
 KINDS: Final = (".png", ".svg")
 _BARE: Final[SafetyLevel] = "off"
@@ -174,6 +174,6 @@ def _figures(place: Standing) -> list[tuple[float, float, float]]:
     found = list[tuple[float, float, float]]()
     for name in ("collided", "converged"):
         hits, count = place.count(name), len(place.rows)
-        low, high = wilson(hits, count)
+        low, high = exact_interval(hits, count)
         found.append((100 * low, 100 * hits / count, 100 * high))
     return [*found, middle(place.times), middle(place.distances)]

@@ -14,22 +14,41 @@ from swarm_ctl.study.parameter_space import Study
 from swarm_ctl.study.rows import Row
 
 _Z95: Final = 1.959963984540054
+_REST: Final = 0.05
 _SOON: Final = 1.3
 
 
-def wilson(hits: int, of: int) -> tuple[float, float]:
-    """The 95 % confidence interval of a share (Wilson's score interval); (0, 1) for nothing."""
-    if of == 0:
-        return 0.0, 1.0
-    share, zz = hits / of, _Z95**2
-    centre = (share + zz / (2 * of)) / (1 + zz / of)
-    half = _Z95 / (1 + zz / of) * math.sqrt(share * (1 - share) / of + zz / (4 * of * of))
-    return (0.0 if hits == 0 else centre - half), (1.0 if hits == of else centre + half)
+def exact_interval(hits: int, of: int) -> tuple[float, float]:
+    """The 95 % confidence interval of a share, exact (Clopper and Pearson); (0, 1) for nothing."""
+    return 1 - _most(of - hits, of), _most(hits, of)
+
+
+def _most(hits: int, of: int) -> float:
+    """The share with which so few hits or fewer have a probability of 2.5 %."""
+    if hits == of:
+        return 1.0
+    low, high = 0.0, 1.0
+    while (middle := (low + high) / 2) not in (low, high):
+        low, high = (middle, high) if _tail(hits, of, middle) > _REST / 2 else (low, middle)
+    return high
+
+
+def _tail(hits: int, of: int, p: float) -> float:
+    """The probability of so few hits or fewer; the shorter sum, of `hits` or of what is above."""
+    if 2 * hits > of:
+        return 1 - _tail(of - hits - 1, of, 1 - p)
+    one, other, all_ways = math.log(p), math.log1p(-p), math.lgamma(of + 1)
+    return math.fsum(
+        math.exp(
+            all_ways - math.lgamma(k + 1) - math.lgamma(of - k + 1) + k * one + (of - k) * other
+        )
+        for k in range(hits + 1)
+    )
 
 
 def share(hits: int, of: int) -> str:
     """`1.2 % (0.8 to 1.7)`."""
-    low, high = wilson(hits, of)
+    low, high = exact_interval(hits, of)
     return f"{100 * hits / max(of, 1):.3g} % ({100 * low:.3g} to {100 * high:.3g})"
 
 

@@ -5,7 +5,7 @@
 Without the filter: n = 4, 6, 9, kappa = 5, 10, 20, rings and grids, random starts and slots;
 vehicles with 0.45 s of dead time and 0.55 s of lag, known to the agents; states 0.1 s late, 10 %
 lost. With it: n = 2 to 50, random starts and crossings; vehicles up to 0.15 s off their model,
-states up to 0.2 s late, up to 20 % lost. Shares with 95 % intervals (Wilson).
+states up to 0.2 s late, up to 20 % lost. Shares with exact 95 % intervals.
 """
 
 from __future__ import annotations

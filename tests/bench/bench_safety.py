@@ -10,8 +10,8 @@
    dead time 0.2 to 0.5 s, 2.8 m/s2, 5 m/s; model: the middle) and hear of each other alike (up to
    0.2 s late, up to 20 % lost).
 
-Arrived: all within 0.5 m of the shape for 1 s. Shares with 95 % intervals
-(Wilson).
+Arrived: all within 0.5 m of the shape for 1 s. Shares with exact 95 %
+intervals.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from swarm_ctl.study.executor import run_study
 from swarm_ctl.study.parameter_space import LEVELS, Range, Study, value
 from swarm_ctl.study.rerun import Trace, rerun, write_mission
 from swarm_ctl.study.rows import COLUMNS, read_rows, rows_of
-from swarm_ctl.study.rows_table import quantile, tables, wilson
+from swarm_ctl.study.rows_table import exact_interval, quantile, tables
 
 SHORT: dict[str, Any] = {"missions": 40, "limit_s": 6.0, "seed": 5}
 
@@ -343,12 +343,14 @@ def test_wind_moves_firmwares() -> None:
     assert np.abs(still.error - windy.error).max() > 1e-3
 
 
-def test_wilson_against_known_values() -> None:
-    """The interval of 1 in 10 and of 0 in 1,000 (newcombe 1998's method 3 gives the like)."""
-    assert wilson(1, 10) == pytest.approx((0.0179, 0.4042), abs=5e-4)
-    assert wilson(0, 1000) == pytest.approx((0.0, 0.00383), abs=5e-5)
-    assert wilson(1000, 1000)[1] == 1.0
-    assert wilson(0, 0) == (0.0, 1.0)
+def test_exact_interval_against_known_values() -> None:
+    """Those of scipy's `beta.ppf`, also of many missions and of nearly all."""
+    assert exact_interval(1, 10) == pytest.approx((0.0025286, 0.4450161), abs=1e-7)
+    assert exact_interval(0, 1000) == (0.0, pytest.approx(1 - 0.025 ** (1 / 1000)))
+    assert exact_interval(2, 2_477_240) == pytest.approx((9.77739e-8, 2.916423e-6), rel=1e-6)
+    assert exact_interval(1733, 1734) == pytest.approx((0.9967911, 0.9999854), abs=1e-7)
+    assert exact_interval(1000, 1000)[1] == 1.0
+    assert exact_interval(0, 0) == (0.0, 1.0)
 
 
 def test_the_interval_of_a_median_holds_it_as_often_as_it_says() -> None:
