@@ -28,6 +28,8 @@ _HEAD: Final = (
     " missions that were drawn; it says nothing of missions outside of them. A count has to be the"
     " same; what is measured may differ by one in its last digit."
 )
+_SHORT: Final = 5
+"""So many lines are shown without a click."""
 _STYLE: Final = """
 :root { color-scheme: light dark; --rule: #ddd; --good: #1b6e2e; --bad: #b00020; --dim: #666; }
 @media (prefers-color-scheme: dark) { :root { --rule: #3a3d42; --good: #7fd494; --bad: #ff8095;
@@ -72,7 +74,9 @@ def counted(evidence: Evidence, claims: Claims) -> str:
 
 def told(again: RowAgain) -> str:
     """What was found, in a line."""
-    moved = [f"{f.read} is {f.found}, not {f.said} ({f.of})" for f in again.figures if not f.same]
+    moved = [
+        f"{each.read} is {each.found}, not {each.said}" for each in again.figures if not each.same
+    ]
     same = len(again.figures) - len(moved)
     counted = f"{same} figure{'s' * (same > 1)} as said" if same else ""
     return "; ".join(filter(None, [again.why, counted, *moved]))
@@ -118,7 +122,7 @@ def _claim(row: ClaimRow, again: RowAgain | None) -> str:
             f"<li>{_text(f'{each.read}: {each.found}{bound}')}</li>"
             for each, bound in zip(again.figures, bounds, strict=True)
         )
-        more = f"<details><summary>figures</summary><ul>{lines}</ul></details>" if lines else ""
+        more = _folded("figures", f"<ul>{lines}</ul>", len(again.figures))
         found = (
             f"<p>{_text(told(again))}</p>{more}<p class='dim'>{_text(seed)}{again.took_s:.0f} s, of"
             f" the processors {again.cpu_s:.0f} s; {_text(again.at)}</p>"
@@ -127,15 +131,22 @@ def _claim(row: ClaimRow, again: RowAgain | None) -> str:
         how = f"swarm-ctl evidence --row {row.name}"
         by_hand = " (by hand: its figures are the machine's, or it takes days)"
         found = f"<p><code>{_text(how)}</code>{by_hand if row.flown is Flown.BY_HAND else ''}</p>"
-    words = "".join(f"<p>“{_text(said)}”</p>" for said in row.words)
-    sections = ", ".join(row.sections)
+    said = [f"“{words.strip('| ').replace('`', '')}”" for words in row.words]
+    said += [f"{name.replace('#', ', ')}: the whole section" for name in row.sections]
+    words = _folded("places on pages", "".join(f"<p>{_text(each)}</p>" for each in said), len(said))
     return (
         f'<tr id="{_text(row.name)}"><td><p><b>{_text(row.name)}</b>: {_text(row.claim)}</p>'
-        f'<div class="dim">{words}{_text(sections)}</div></td>'
+        f'<div class="dim">{words}</div></td>'
         f'<td><p class="{state.replace(" ", "-")} state">{state}</p>{found}</td>'
         f"<td><p>{row.method}</p><code>{_text(row.command)}</code></td>"
         f"<td>{_text(row.limits)}</td></tr>"
     )
+
+
+def _folded(what: str, inside: str, count: int) -> str:
+    """Open where it is short."""
+    shown = " open" if count <= _SHORT else ""
+    return f"<details{shown}><summary>{count} {what}</summary>{inside}</details>" * bool(count)
 
 
 def _table(head: Iterable[str], lines: Iterable[str]) -> str:
