@@ -221,15 +221,16 @@ def _digest(row: ClaimRow) -> str:
 
 
 def _run(words: Sequence[str], log: Any) -> int:
-    """Its exit code. What ends this process ends the command first, by one Ctrl-C, wherever it came
-    from: a second one would leave the command's own processes behind."""
+    """Its exit code. What ends this process ends the command first, by one signal that it hears
+    under `nohup`, too: a second one would leave the command's own processes behind."""
     child = subprocess.Popen(
         words, cwd=ROOT, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
     )
     try:
         return child.wait()
     except (KeyboardInterrupt, SystemExit):
-        child.send_signal(signal.SIGINT)
+        # pytest takes SIGTERM for its death, and leaves what its tests have started
+        child.send_signal(signal.SIGINT if "pytest" in words else signal.SIGTERM)
         try:
             child.wait(_ENDS_S)
         except subprocess.TimeoutExpired:
