@@ -295,7 +295,7 @@ def _is(found: Any, wanted: str) -> bool:
 
 
 def _bound(hits: int, of: int) -> str:
-    low, high = (f"{100 * end:.2g} %" for end in exact_interval(hits, of))
+    low, high = (f"{100 * end:.3g} %" for end in exact_interval(hits, of))
     return f"under {high}" if hits == 0 else f"over {low}" if hits == of else f"{low} to {high}"
 
 

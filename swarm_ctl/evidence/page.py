@@ -13,7 +13,15 @@ from typing import Final
 from swarm_ctl.core.model.text import printable
 from swarm_ctl.engine.clock import date_and_time
 from swarm_ctl.evidence.claims import ClaimRow, Claims, Flown
-from swarm_ctl.evidence.flown import FAILED, HOLDS, MOVED, NOT_FLOWN, Evidence, RowAgain
+from swarm_ctl.evidence.flown import (
+    FAILED,
+    HOLDS,
+    MOVED,
+    NOT_FLOWN,
+    Evidence,
+    FigureAgain,
+    RowAgain,
+)
 from swarm_ctl.runfolder.files import write_whole
 
 PAGE: Final = "evidence.html"
@@ -38,9 +46,12 @@ body { font: 15px/1.45 system-ui, sans-serif; margin: 2em auto; max-width: 90em;
 h1 { font-size: 1.5em; } h2 { font-size: 1.15em; margin-top: 2em; } .wide { overflow-x: auto; }
 table { border-collapse: collapse; width: 100%; }
 td, th { padding: .35em .8em .35em 0; border-bottom: 1px solid var(--rule); text-align: left;
-  vertical-align: top; } td p { margin: 0 0 .3em; }
+  vertical-align: top; } .claims th { width: 28%; }
+table.claims { table-layout: fixed; } .claims th:last-child { width: 16%; }
+td p { margin: 0 0 .3em; }
 code { font: 12px/1.4 ui-monospace, monospace; overflow-wrap: anywhere; }
-.holds { color: var(--good); } .moved, .failed { color: var(--bad); font-weight: 600; }
+.holds { color: var(--good); }
+.moved, .failed, .moved-figure { color: var(--bad); font-weight: 600; }
 ul { margin: 0; padding-left: 1.2em; font-size: .9em; }
 .dim { color: var(--dim); } .state { white-space: nowrap; }
 """
@@ -79,7 +90,8 @@ def told(again: RowAgain) -> str:
     ]
     same = len(again.figures) - len(moved)
     counted = f"{same} figure{'s' * (same > 1)} as said" if same else ""
-    return "; ".join(filter(None, [again.why, counted, *moved]))
+    more = [f"and {len(moved) - _SHORT} more"] if len(moved) > _SHORT else []
+    return "; ".join(filter(None, [again.why, counted, *moved[:_SHORT], *more]))
 
 
 def _page(evidence: Evidence, claims: Claims, at: str) -> str:
@@ -97,13 +109,13 @@ def _page(evidence: Evidence, claims: Claims, at: str) -> str:
         f"<p>Commit <code>{_text(made['commit'])}</code>.{changed} {_text(at)}, on"
         f" {_text(made['machine'])}, Python {_text(made['python'])}, numpy"
         f" {_text(made['numpy'])}.</p><h2>Claims</h2>"
-        + _table(flown, (_claim(row, evidence.done.get(row.name)) for row in claims.rows))
+        + _table(flown, (_claim(row, evidence.done.get(row.name)) for row in claims.rows), "claims")
         + f"<h2>What an assessor asks for</h2><p>{_text(SORA)}</p>"
         + _table(
             asked,
             (
-                f"<tr><td>{_text(row.name)}</td><td>{_text(row.asks)}</td><td class="
-                f'"{"holds" if row.rows else "dim"} state">{_text(row.covered)}</td><td>'
+                f"<tr><td>{_text(row.name)}</td><td>{_text(row.asks)}</td>"
+                f'<td class="{"state" if row.rows else "dim state"}">{_text(row.covered)}</td><td>'
                 + "<br>".join(f'<a href="#{_text(n)}">{_text(n)}</a>' for n in row.rows)
                 + f"</td><td>{_text(row.why)}</td></tr>"
                 for row in claims.sora
@@ -117,11 +129,7 @@ def _claim(row: ClaimRow, again: RowAgain | None) -> str:
     state = again.state if again else NOT_FLOWN
     if again:
         seed = f"seed {again.seed}; " if again.seed != "-" else ""
-        bounds = (f"; 95 %: {each.bound}" if each.bound else "" for each in again.figures)
-        lines = "".join(
-            f"<li>{_text(f'{each.read}: {each.found}{bound}')}</li>"
-            for each, bound in zip(again.figures, bounds, strict=True)
-        )
+        lines = "".join(map(_figure, again.figures))
         more = _folded("figures", f"<ul>{lines}</ul>", len(again.figures))
         found = (
             f"<p>{_text(told(again))}</p>{more}<p class='dim'>{_text(seed)}{again.took_s:.0f} s, of"
@@ -133,25 +141,31 @@ def _claim(row: ClaimRow, again: RowAgain | None) -> str:
         found = f"<p><code>{_text(how)}</code>{by_hand if row.flown is Flown.BY_HAND else ''}</p>"
     said = [f"“{words.strip('| ').replace('`', '')}”" for words in row.words]
     said += [f"{name.replace('#', ', ')}: the whole section" for name in row.sections]
-    words = _folded("places on pages", "".join(f"<p>{_text(each)}</p>" for each in said), len(said))
+    words = _folded("on pages", "".join(f"<p>{_text(each)}</p>" for each in said), len(said))
     return (
         f'<tr id="{_text(row.name)}"><td><p><b>{_text(row.name)}</b>: {_text(row.claim)}</p>'
         f'<div class="dim">{words}</div></td>'
         f'<td><p class="{state.replace(" ", "-")} state">{state}</p>{found}</td>'
         f"<td><p>{row.method}</p><code>{_text(row.command)}</code></td>"
-        f"<td>{_text(row.limits)}</td></tr>"
+        f"<td>{_text(row.limits.replace('`', ''))}</td></tr>"
     )
+
+
+def _figure(again: FigureAgain) -> str:
+    bound = f"; 95 %: {again.bound}" if again.bound else ""
+    said, state = ("", HOLDS) if again.same else (f", where {again.said} is said", MOVED)
+    return f'<li class="{state}-figure">{_text(f"{again.read}: {again.found}{said}{bound}")}</li>'
 
 
 def _folded(what: str, inside: str, count: int) -> str:
     """Open where it is short."""
     shown = " open" if count <= _SHORT else ""
-    return f"<details{shown}><summary>{count} {what}</summary>{inside}</details>" * bool(count)
+    return f"<details{shown}><summary>{what} ({count})</summary>{inside}</details>" * bool(count)
 
 
-def _table(head: Iterable[str], lines: Iterable[str]) -> str:
+def _table(head: Iterable[str], lines: Iterable[str], kind: str = "") -> str:
     cells = "".join(f"<th>{_text(name)}</th>" for name in head)
-    return f'<div class="wide"><table><tr>{cells}</tr>{"".join(lines)}</table></div>'
+    return f'<div class="wide"><table class="{kind}"><tr>{cells}</tr>{"".join(lines)}</table></div>'
 
 
 def _text(text: str) -> str:

@@ -142,9 +142,9 @@ def test_a_row_is_flown_once_and_one_whose_figure_moved_ends_with_1(
     assert (first.exit_code, "fast: holds" in first.output) == (0, True), first.output
     data = json.loads((tmp_path / DATA).read_text())
     assert data["rows"][0]["found"]["state"] == HOLDS
-    assert data["rows"][0]["found"]["figures"][1]["bound"] == "under 52 %"
+    assert data["rows"][0]["found"]["figures"][1]["bound"] == "under 52.2 %"
     page = (tmp_path / PAGE).read_text()
-    assert "collided: 0; 95 %: under 52 %" in page
+    assert "collided: 0; 95 %: under 52.2 %" in page
     assert "OSO#24" in page
     again = CliRunner().invoke(app, out)  # the journal has it: nothing is flown
     assert (again.exit_code, FAST in again.output) == (0, False)
