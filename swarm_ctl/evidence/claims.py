@@ -44,7 +44,7 @@ class Method(StrEnum):
     MEASURED = "measured"
 
 
-class Flown(StrEnum):
+class FlownWith(StrEnum):
     """With which option a row is flown."""
 
     QUICK = "quick"
@@ -78,7 +78,7 @@ class ClaimRow(_Fields):
     claim: str
     method: Method
     command: str
-    flown: Flown = Flown.ALL
+    flown: FlownWith = FlownWith.ALL
     says: tuple[str, ...] = ()
     sets: Mapping[str, str] = {}
     """Names for what stands behind `@` more than once."""

@@ -22,7 +22,7 @@ from pydantic import BaseModel, ValidationError
 
 from swarm_ctl.engine.clock import date_and_time, wall_s
 from swarm_ctl.errors import InputError, StartError
-from swarm_ctl.evidence.claims import ClaimRow, Figure, Flown
+from swarm_ctl.evidence.claims import ClaimRow, Figure, FlownWith
 from swarm_ctl.fuzz.campaign import FLIGHTS
 from swarm_ctl.installed import commit, version
 from swarm_ctl.runfolder.files import Damage, read_lines
@@ -299,13 +299,15 @@ def _bound(hits: int, of: int) -> str:
     return f"under {high}" if hits == 0 else f"over {low}" if hits == of else f"{low} to {high}"
 
 
-def wanted(rows: Sequence[ClaimRow], flown: Flown | None, names: Sequence[str]) -> list[ClaimRow]:
+def wanted(
+    rows: Sequence[ClaimRow], flown: FlownWith | None, names: Sequence[str]
+) -> list[ClaimRow]:
     """The rows that were asked for; InputError for a name that is none."""
     known = {row.name: row for row in rows}
     for name in names:
         if name not in known:
             raise InputError(f"--row {name}: allowed: {', '.join(known)}")
-    quick = [row for row in rows if row.flown is Flown.QUICK]
-    all_rows = [*quick, *(row for row in rows if row.flown is Flown.ALL)]
-    chosen = {Flown.QUICK: quick, Flown.ALL: all_rows, None: []}[flown]
+    quick = [row for row in rows if row.flown is FlownWith.QUICK]
+    all_rows = [*quick, *(row for row in rows if row.flown is FlownWith.ALL)]
+    chosen = {FlownWith.QUICK: quick, FlownWith.ALL: all_rows, None: []}[flown]
     return list({row.name: row for row in [*chosen, *(known[name] for name in names)]}.values())

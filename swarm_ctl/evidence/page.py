@@ -12,7 +12,7 @@ from typing import Final
 
 from swarm_ctl.core.model.text import printable
 from swarm_ctl.engine.clock import date_and_time
-from swarm_ctl.evidence.claims import ClaimRow, Claims, Flown
+from swarm_ctl.evidence.claims import ClaimRow, Claims, FlownWith
 from swarm_ctl.evidence.flown import (
     FAILED,
     HOLDS,
@@ -138,7 +138,9 @@ def _claim(row: ClaimRow, again: RowAgain | None) -> str:
     else:
         how = f"swarm-ctl evidence --row {row.name}"
         by_hand = " (by hand: its figures are the machine's, or it takes days)"
-        found = f"<p><code>{_text(how)}</code>{by_hand if row.flown is Flown.BY_HAND else ''}</p>"
+        found = (
+            f"<p><code>{_text(how)}</code>{by_hand if row.flown is FlownWith.BY_HAND else ''}</p>"
+        )
     said = [f"“{words.strip('| ').replace('`', '')}”" for words in row.words]
     said += [f"{name.replace('#', ', ')}: the whole section" for name in row.sections]
     words = _folded("on pages", "".join(f"<p>{_text(each)}</p>" for each in said), len(said))

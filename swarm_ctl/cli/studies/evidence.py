@@ -44,7 +44,7 @@ def evidence(
         swarm-ctl evidence --row mix --row fuzz
         swarm-ctl evidence --all --out evidence-all
     """
-    from swarm_ctl.evidence.claims import Flown, read_claims
+    from swarm_ctl.evidence.claims import FlownWith, read_claims
 
     claims = read_claims()
     if listed:
@@ -59,7 +59,9 @@ def evidence(
     from swarm_ctl.evidence.page import counted, told, write_evidence
 
     console = PlainConsole()
-    chosen = wanted(claims.rows, Flown.ALL if every else Flown.QUICK if quick else None, row or ())
+    chosen = wanted(
+        claims.rows, FlownWith.ALL if every else FlownWith.QUICK if quick else None, row or ()
+    )
     made = Evidence(out)
     begun, states = 0, set[str]()
     try:

@@ -17,7 +17,7 @@ from swarm_ctl.evidence.claims import (
     PAGES,
     ClaimRow,
     Claims,
-    Flown,
+    FlownWith,
     Method,
     claims_of,
     read_claims,
@@ -172,9 +172,9 @@ def test_a_command_that_ends_badly_fails_and_another_commit_is_refused(tmp_path:
 
 
 def test_what_is_asked_for_is_flown() -> None:
-    quick, every = (wanted(CLAIMS.rows, flown, ()) for flown in (Flown.QUICK, Flown.ALL))
+    quick, every = (wanted(CLAIMS.rows, flown, ()) for flown in (FlownWith.QUICK, FlownWith.ALL))
     assert {each.name for each in quick} < {each.name for each in every}
-    assert all(each.flown is not Flown.BY_HAND for each in every)
+    assert all(each.flown is not FlownWith.BY_HAND for each in every)
     assert [each.name for each in wanted(CLAIMS.rows, None, ["million"])] == ["million"]
     with pytest.raises(InputError, match="--row nothing: allowed: proof"):
         wanted(CLAIMS.rows, None, ["nothing"])
