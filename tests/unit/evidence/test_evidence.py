@@ -25,6 +25,7 @@ from swarm_ctl.evidence.claims import (
 )
 from swarm_ctl.evidence.flown import HOLDS, JOURNAL, Evidence, _again, wanted
 from swarm_ctl.evidence.page import DATA, PAGE, write_evidence
+from swarm_ctl.study.rows import COLUMNS
 from tests.unit.docs.pages import ROOT
 
 CLAIMS = read_claims()
@@ -85,8 +86,6 @@ def test_the_rows_are_whole() -> None:
 
 def test_a_study_that_a_row_flies_is_read_by_its_columns() -> None:
     """Every figure of every row names columns that are there."""
-    from swarm_ctl.study.row_columns import COLUMNS
-
     words = {"missions", "smallest", "silent", "zone", "median", "p95"}
     for each in CLAIMS.rows:
         for figure in each.figures:
