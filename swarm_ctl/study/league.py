@@ -138,7 +138,7 @@ def draw_league(places: Sequence[Standing], r_in: float, path: Path) -> None:
     """A row for each law and a panel for each figure; an open dot without the filter, a full one
     with it, and lines for the 95 % intervals. Imports matplotlib."""
     from swarm_ctl.report.page.drawing import grid, write
-    from swarm_ctl.report.page.player_parts import COLOURS
+    from swarm_ctl.station.picture.colours import COLOURS
 
     names = ranked(places)
     heads = ("under $r_\\mathrm{in}$ [%]", "formed [%]", "time to form [s]", "smallest [units]")

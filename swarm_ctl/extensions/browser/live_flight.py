@@ -14,15 +14,9 @@ from numpy.typing import NDArray
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import EVERYONE, Plan
 from swarm_ctl.core.model.text import printable
-from swarm_ctl.report.page.player_parts import (
-    Floats,
-    curves,
-    drawn_zone,
-    flown_moments,
-    inks,
-    labels,
-)
+from swarm_ctl.report.page.player_parts import Floats, curves, drawn_zone, flown_moments, labels
 from swarm_ctl.station.picture.alarms import alarms
+from swarm_ctl.station.picture.colours import inks
 from swarm_ctl.station.picture.journal import EntryKind, Journal
 from swarm_ctl.station.picture.summaries import flown_order, verdict
 from swarm_ctl.station.picture.view import AgentView, SwarmView

@@ -14,7 +14,7 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from swarm_ctl.files import replacing
-from swarm_ctl.report.page.player_parts import COLOURS
+from swarm_ctl.station.picture.colours import COLOURS
 
 Floats = NDArray[np.float64]
 

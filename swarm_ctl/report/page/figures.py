@@ -25,8 +25,9 @@ from swarm_ctl.report.page.drawing import (
     log_ticks,
     trajectories,
 )
-from swarm_ctl.report.page.player_parts import inks, labels
+from swarm_ctl.report.page.player_parts import labels
 from swarm_ctl.report.page.run_history import RunHistory, least
+from swarm_ctl.station.picture.colours import inks
 
 _SHOWN: Final = 12
 """Agents with a panel of their own, at most."""

@@ -76,7 +76,7 @@ def _draw_zones(plan: Plan, axes: Any) -> None:
 def _draw_steps(plan: Plan, axes: Any) -> None:
     """Shapes are drawn where the centre is planned to be: the law alone keeps it only roughly. In a
     mission with groups each has a colour of its own, the whole swarm's is black."""
-    from swarm_ctl.report.page.player_parts import COLOURS
+    from swarm_ctl.station.picture.colours import COLOURS
 
     names = dict.fromkeys(group.name for group in plan.groups if group.name != EVERYONE)
     colours = {EVERYONE: "k"} | dict(zip(names, itertools.cycle(COLOURS[:-1]), strict=False))

@@ -17,16 +17,10 @@ from numpy.typing import NDArray
 
 from swarm_ctl.core.model.plan import EVERYONE
 from swarm_ctl.core.model.text import printable
-from swarm_ctl.report.page.player_parts import (
-    curves,
-    drawn_zone,
-    flown_moments,
-    inks,
-    labels,
-    markup,
-)
+from swarm_ctl.report.page.player_parts import curves, drawn_zone, flown_moments, labels, markup
 from swarm_ctl.report.page.run_history import RunHistory, least
 from swarm_ctl.runfolder.flight import Flight
+from swarm_ctl.station.picture.colours import inks
 from swarm_ctl.station.picture.journal import JournalLine
 
 OFF_M: Final = 0.05

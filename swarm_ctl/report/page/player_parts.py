@@ -14,17 +14,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from swarm_ctl.core.model.plan import EVERYONE, Plan
+from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.text import printable
 from swarm_ctl.core.model.zones import Zone
+from swarm_ctl.station.picture.colours import COLOURS, first_groups
 
 Floats = NDArray[np.float64]
 
-COLOURS: Final = (
-    *("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00"),
-    *("#56B4E9", "#8C564B", "#7F7F7F", "#000000"),
-)
-"""Colour-blind readers can tell them apart (Okabe and Ito)."""
 _FINEST_M: Final = 0.01
 _LARGEST: Final = 32_000
 _UNKNOWN: Final = -32_768
@@ -92,16 +88,9 @@ def curves(time_s: Floats, near_m: Floats, pairs: NDArray[Any], error_m: Floats)
     }
 
 
-def inks(plan: Plan) -> list[int]:
-    """The number of each agent's colour; in a mission with groups those of a group have one."""
-    found = _groups(plan)
-    names = [*dict.fromkeys(filter(None, found)), ""]
-    return [names.index(name) for name in found] if any(found) else [*range(len(found))]
-
-
 def labels(plan: Plan) -> list[str]:
     """The agents' ids; the first of a group has its name, too."""
-    found = _groups(plan)
+    found = first_groups(plan)
     return [
         f"{agent.id} {name}" if name and name not in found[:k] else str(agent.id)
         for k, (agent, name) in enumerate(zip(plan.agents, found, strict=True))
@@ -123,12 +112,6 @@ def drawn_zone(zone: Zone, since_s: float | None, until_s: float | None) -> dict
 def packed(values: Iterable[Any] | NDArray[Any], kind: str) -> str:
     """The values' bytes, of this kind of numbers, as base64."""
     return base64.b64encode(np.asarray(values).astype(kind).tobytes()).decode()
-
-
-def _groups(plan: Plan) -> list[str]:
-    """Of each agent, the first group that it flies in beside others; '': none."""
-    named = [group for group in plan.groups if group.name != EVERYONE]
-    return [next((g.name for g in named if a.id in g.members), "") for a in plan.agents]
 
 
 def _scale(places: Floats) -> tuple[Floats, float]:

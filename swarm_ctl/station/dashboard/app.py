@@ -31,7 +31,6 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.rim import Rim, explained
 from swarm_ctl.station.dashboard.ask import Ask, consequence
 from swarm_ctl.station.dashboard.bars import (
-    BAR_STYLE,
     answers_line,
     protection_line,
     title_line,
@@ -40,7 +39,7 @@ from swarm_ctl.station.dashboard.bars import (
 )
 from swarm_ctl.station.dashboard.command_input import CommandInput, Purpose
 from swarm_ctl.station.dashboard.drawing.picture import Chosen, NewZone, Picture
-from swarm_ctl.station.dashboard.drawing.styled_line import StyledLine
+from swarm_ctl.station.dashboard.drawing.styled_line import ALARM_STYLE, StyledLine
 from swarm_ctl.station.dashboard.drawing.widgets import Painted
 from swarm_ctl.station.dashboard.key_bindings import ALWAYS, ONLY_ON, SCREENS, bindings
 from swarm_ctl.station.dashboard.panes.agent_table import AgentTable, in_order, titles
@@ -53,8 +52,16 @@ from swarm_ctl.station.dashboard.panes.sigma_pane import SigmaPane
 from swarm_ctl.station.dashboard.panes.swarm_map import SIDES
 from swarm_ctl.station.dashboard.panes.swarm_pane import SwarmPane
 from swarm_ctl.station.dashboard.styles import CSS
-from swarm_ctl.station.dashboard.themes import DARK, LIGHT, LIGHT_INKS, PLAIN, by_background
+from swarm_ctl.station.dashboard.themes import (
+    DARK,
+    DARK_INKS,
+    LIGHT,
+    LIGHT_INKS,
+    PLAIN,
+    by_background,
+)
 from swarm_ctl.station.picture.alarms import Level
+from swarm_ctl.station.picture.colours import ON_DARK, ON_LIGHT
 from swarm_ctl.station.picture.journal import Journal
 from swarm_ctl.station.picture.view import SwarmView
 
@@ -115,7 +122,7 @@ class Dashboard(App[None]):
         plain = "NO_COLOR" in os.environ
         super().__init__(driver_class=driver_class, ansi_color=True if plain else None)
         self.animation_level = "none"
-        self.ansi_theme_light = LIGHT_INKS
+        self.ansi_theme_light, self.ansi_theme_dark = LIGHT_INKS, DARK_INKS
         self.theme = PLAIN if plain else os.environ.get("TEXTUAL_THEME", by_background())
         self._plan = plan
         self._give = give
@@ -214,6 +221,7 @@ class Dashboard(App[None]):
     def on_ready(self) -> None:
         """From here on messages are taken; what came before waits."""
         self.query_one("ContentTabs").can_focus = False
+        self.theme_changed_signal.subscribe(self, lambda _: self.draw())
         self._up = True
         self.take()
         for text in self._early:
@@ -248,7 +256,8 @@ class Dashboard(App[None]):
             return None
         journal = self._journal
         alarms, entries = journal.standing, journal.entries
-        return Picture(self._view, alarms, entries, journal.unacknowledged, self._chosen)
+        palette = ON_DARK if self.current_theme.dark else ON_LIGHT
+        return Picture(self._view, alarms, entries, journal.unacknowledged, self._chosen, palette)
 
     @property
     def pane(self) -> Pane | None:
@@ -300,7 +309,7 @@ class Dashboard(App[None]):
         if self._question is not None:
             width = self.size.width
             lines = self._question.lines(width, answered=self._question_seen)
-            self.query_one("#question", Painted).paint(lines, BAR_STYLE[Level.ERROR], width)
+            self.query_one("#question", Painted).paint(lines, ALARM_STYLE[Level.ERROR], width)
 
     def _paint(self, name: str, line: StyledLine, back: str = "") -> None:
         self.query_one(f"#{name}", Painted).paint([line], back, self.size.width)

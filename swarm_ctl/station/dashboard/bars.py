@@ -10,6 +10,7 @@ from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.text import agents_named, printable, ranges
 from swarm_ctl.station.dashboard.drawing.picture import Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import (
+    ALARM_STYLE,
     LEVEL_STYLE,
     SIGN,
     WAITING,
@@ -30,12 +31,6 @@ from swarm_ctl.station.picture.summaries import (
 )
 from swarm_ctl.station.picture.view import CommandView, SwarmView
 
-BAR_STYLE: Final = {
-    Level.WELL: "black on bright_green",
-    Level.WAITING: "black on bright_cyan",
-    Level.WARNING: "black on bright_yellow",
-    Level.ERROR: "bold white on red",
-}
 _ENDS: Final = {Phase.RETURN: "all fly home", Phase.LAND: "all land", Phase.YIELD: "pilots fly"}
 """What agents fly that have broken the mission off."""
 _ANSWERED_S: Final = 20.0
@@ -67,7 +62,7 @@ def protection_line(picture: Picture) -> tuple[StyledLine, str]:
     for words, good in view.protected:
         line.add(" · " if line.width else " ", "" if is_open else "dim")
         line.add(printable(words), "" if good or is_open else "bold yellow")
-    return line, BAR_STYLE[Level.ERROR] if is_open else ""
+    return line, ALARM_STYLE[Level.ERROR] if is_open else ""
 
 
 def _step_names(view: SwarmView) -> list[str]:
@@ -139,7 +134,7 @@ def verdict_line(picture: Picture, width: int) -> tuple[StyledLine, str]:
     if StyledLine(words).width > width - len(more):
         words = words[: max(1, width - len(more) - 1)] + "…"
     line = StyledLine(words, click="app.go('log')")
-    return line.to(width - len(more)).add(more), BAR_STYLE[level]
+    return line.to(width - len(more)).add(more), ALARM_STYLE[level]
 
 
 def answers_line(picture: Picture) -> StyledLine:

@@ -9,10 +9,12 @@ from rich.terminal_theme import TerminalTheme
 DARK, LIGHT, PLAIN = "textual-dark", "textual-light", "ansi-dark"
 """Themes; the last one has the terminal's own colours, for `NO_COLOR`."""
 
-# Black, red, green, yellow, blue, magenta, cyan, white: usual yellow, green and cyan can hardly be
-# read on white.
+# Black, red, green, yellow, blue, magenta, cyan, white. On light: usual yellow, green and cyan can
+# hardly be read on white. On dark: Textual's own magenta is its red, and its yellow an orange.
 _DULL = """000000 a01e1e 1e6914 825500 1e46a0 78288c 005f87 f7f7f7"""
 _BRIGHT = """5a5a5a c83232 78c83c fabe3c 0064b4 be28be 46bedc ffffff"""
+_DARK = """1a1a1a e0354b 8fd14f ffd94a 6ea8ff e07be8 4fc8dc d9d9d9"""
+_DARK_BRIGHT = """6b6b6b ff6b7d 8fd14f ffd94a 9cc4ff e07be8 4fc8dc f6f6f6"""
 
 
 def _colours(text: str) -> list[tuple[int, int, int]]:
@@ -21,6 +23,8 @@ def _colours(text: str) -> list[tuple[int, int, int]]:
 
 LIGHT_INKS = TerminalTheme((247, 247, 247), (0, 0, 0), _colours(_DULL), _colours(_BRIGHT))
 """The sixteen colours on a light ground."""
+DARK_INKS = TerminalTheme((12, 12, 12), (217, 217, 217), _colours(_DARK), _colours(_DARK_BRIGHT))
+"""And on a dark one."""
 
 
 def by_background() -> str:

@@ -11,7 +11,8 @@ from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
 from typing import Final, TypeVar
 
-from swarm_ctl.core.model.messages import AgentState, AgentStatus, LinkReport, SigmaReport
+from swarm_ctl.core.model.messages import AgentState, AgentStatus, LinkReport, Phase, SigmaReport
+from swarm_ctl.core.model.plan import Point
 from swarm_ctl.core.model.vehicle import Vector3
 
 TRAIL_EVERY_S: Final = 0.5
@@ -62,6 +63,9 @@ class Histories:
     """By (agent, peer)."""
     round_trips_s: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     """Station to agent and back, by agent."""
+    homes: Mapping[int, Point] = field(default_factory=dict)
+    """(north, east) [m] where each agent stood before it took off, as far as this station heard
+    it."""
 
 
 class HistoryKeeper:
@@ -75,9 +79,12 @@ class HistoryKeeper:
         self._links: dict[tuple[int, int], LinkSeries] = {}
         self._pairs: dict[tuple[int, int], PairSeries] = {}
         self._round_trips: dict[int, tuple[float, ...]] = {}
+        self._homes: dict[int, Point] = {}
 
     def state(self, state: AgentState) -> None:
-        """Add a point to the agent's trail, if it is time."""
+        """Add a point to the agent's trail, if it is time; until it takes off it is at home."""
+        if state.phase <= Phase.ARM and not state.airborne:
+            self._homes[state.agent] = state.position_ned_m[:2]
         if state.time_s >= self._due.get(state.agent, 0.0):
             self._due[state.agent] = state.time_s + TRAIL_EVERY_S
             self._trails[state.agent] = _put(
@@ -112,7 +119,11 @@ class HistoryKeeper:
     def view(self) -> Histories:
         """Everything kept, as it is now."""
         return Histories(
-            dict(self._trails), dict(self._links), dict(self._pairs), dict(self._round_trips)
+            dict(self._trails),
+            dict(self._links),
+            dict(self._pairs),
+            dict(self._round_trips),
+            dict(self._homes),
         )
 
 

@@ -27,7 +27,7 @@ SHOWN: Final = {
     "crowd": SCREENS[:2],
     "waiting": SCREENS[:1],
     "groups": SCREENS[:1],
-    "following": ("swarm", "swarm-south", "swarm-east"),
+    "following": ("swarm", "swarm-whole", "swarm-south", "swarm-east"),
 }
 """Which screens of which picture; behind a dash where the map is turned to."""
 

@@ -179,7 +179,7 @@ def test_a_zone_is_placed_on_the_map_by_keys_and_clicks() -> None:
         assert f":zone {' '.join(words)}" in text(app)
         await pilot.press("enter")
         assert desk.orders == [Order("hold"), Order("zone", words)]
-        await pilot.press("v")
+        await pilot.press("v", "v")
         assert "from the south, E→" in text(app)
         await pilot.press("Z")
         row, column = _find(app, "N↑")

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
+from textual.color import Color
 
 from swarm_ctl.commands.build import build
 from swarm_ctl.commands.parse import Order
@@ -27,6 +28,8 @@ from swarm_ctl.core.model.messages import (
     SigmaReport,
     TargetWord,
 )
+from swarm_ctl.core.model.plan import Fence
+from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.targets import TargetPlan
 from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.swarm.gain_update import LEAD_S
@@ -36,19 +39,20 @@ from swarm_ctl.station.dashboard.drawing.canvas import Canvas
 from swarm_ctl.station.dashboard.drawing.picture import Chosen, NewZone, Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import StyledLine, bar, blocks, fit, gauge
 from swarm_ctl.station.dashboard.drawing.widgets import Heading
-from swarm_ctl.station.dashboard.panes.groups import group_lines, ink
+from swarm_ctl.station.dashboard.panes.groups import group_lines
 from swarm_ctl.station.dashboard.panes.link_matrix import METRICS, listener_lines
 from swarm_ctl.station.dashboard.panes.sigma_pane import budget_used
 from swarm_ctl.station.dashboard.panes.swarm_map import SIDES, MapScale, fitted, map_lines, position
 from swarm_ctl.station.foxglove.figures import figures
 from swarm_ctl.station.output.json_lines import json_line
 from swarm_ctl.station.picture.alarms import Alarm, Level
+from swarm_ctl.station.picture.colours import COLOURS, ON_DARK, ON_LIGHT, inks
 from swarm_ctl.station.picture.history import LOSS_WINDOW_S, LinkSeries
 from swarm_ctl.station.picture.link_quality import bad_links, judge, mesh_judgements
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.summaries import answers, flown_order
 from swarm_ctl.station.picture.view import CommandView, LinkView, SwarmView, TargetView
-from tests.unit.plans import REST, SCOUTS, SWEEPERS, groups_mission, steps_of
+from tests.unit.plans import REST, SCOUTS, SWEEPERS, groups_mission, steps_of, with_group
 from tests.unit.station.pictures import PICTURES, PLAN
 from tests.unit.station.swarm import (
     flying_model,
@@ -109,7 +113,8 @@ def test_the_map_shows_all_agents(
         model.fold(state, 30.0)
     view = model.view(30.0)
     scale = fitted(Picture(view, chosen=Chosen(new_zone=new, seen_from=seen_from)), *size)
-    assert scale.seen_from == ("above" if new else seen_from)
+    aside = seen_from in ("south", "east")
+    assert scale.seen_from == ("above" if new and aside else seen_from)
     points = [(new.centre_m, 0.0)] if new else []
     for shown, place in zip(view.agents, places, strict=True):
         points += [(position(shown), place[2])]
@@ -356,26 +361,67 @@ def test_the_title_says_which_group_is_in_which_step() -> None:
     assert "scouts 5, sweepers 4, rest 3" in title_line(picture, 80).text
 
 
-def test_each_group_has_a_colour_of_its_own_that_means_nothing_else() -> None:
-    """Agents that are well, their trails and their names have it on the map; an alarm's colour and
-    a mark's go before it."""
-    view = PICTURES["groups"]()
-    colours = {group.name: ink(view.plan, group.name) for group in view.groups}
-    assert len({*colours.values()}) == 3
-    assert all(colour.startswith("#") for colour in colours.values())
-    assert ink(view.plan, "all") == ""
-    alarm = Alarm("silent", Level.ERROR, (1,), "agent 1: silent", "silent")
-    picture = Picture(view, (alarm,), chosen=Chosen(marked=frozenset({2})))
+def _inked(picture: Picture) -> dict[str, str]:
+    """The style of each id and name on the map."""
     found = dict[str, str]()
     for line in map_lines(picture, 100, 40):
         for segment in line.segments:
             words = re.findall(r"[a-z]+|[0-9]+", segment.text)
-            found |= dict.fromkeys(words, str(segment.style))
+            found |= dict.fromkeys(words, str(segment.style).lower())
+    return found
+
+
+@pytest.mark.parametrize("palette", [ON_DARK, ON_LIGHT])
+def test_each_agent_has_the_colour_of_the_report(palette: tuple[str, ...]) -> None:
+    """On the map, its trail, and in the table; an agent with an alarm or a mark has another
+    ground."""
+    view = PICTURES["well"]()
+    alarm = Alarm("silent", Level.ERROR, (1,), "agent 1: silent", "silent")
+    picture = Picture(view, (alarm,), chosen=Chosen(marked=frozenset({2})), palette=palette)
+    assert inks(view.plan) == [0, 1, 2, 3, 4, 5]
+    assert [*picture.inks.values()] == [*palette[:6]]
+    found = _inked(picture)
+    assert "on red" in found["1"]
+    assert "reverse magenta" in found["2"]
+    for agent in range(3, 7):
+        assert f"bold {palette[agent - 1]}".lower() in found[str(agent)]
+    styles = " ".join(str(s.style).lower() for x in map_lines(picture, 100, 40) for s in x.segments)
+    assert all(f"dim {colour.lower()}" in styles for colour in palette[2:5])  # 2 and 6 avoid
+
+
+def _luminance(colour: str) -> float:
+    """As WCAG has it."""
+    shares = (int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in shares]
+    return float(np.dot((0.2126, 0.7152, 0.0722), linear))
+
+
+def test_all_colours_can_be_read_and_are_the_reports() -> None:
+    """A contrast of 3 with the ground of each theme; on a light screen darker ones of the hue."""
+    for palette, ground in ((ON_DARK, "#121212"), (ON_LIGHT, "#e0e0e0")):
+        for colour in palette:
+            dark, bright = sorted((_luminance(ground), _luminance(colour)))
+            assert (bright + 0.05) / (dark + 0.05) >= 3.0, colour
+        assert len({*palette}) == len(COLOURS)
+    for one, other in zip(COLOURS, ON_LIGHT, strict=True):
+        hues = [Color.parse(each).hsl.h for each in (one, other)]
+        assert abs(hues[0] - hues[1]) < 0.05, (one, other)
+
+
+def test_each_group_has_a_colour_of_its_own() -> None:
+    """Agents that are well, their trails and their names have it on the map; an alarm's colour and
+    a mark's go before it."""
+    view = PICTURES["groups"]()
+    colours = {group.name: Picture(view).group_ink(group.name) for group in view.groups}
+    assert [*colours.values()] == [*ON_DARK[:3]]
+    assert Picture(view).group_ink("all") == ""
+    alarm = Alarm("silent", Level.ERROR, (1,), "agent 1: silent", "silent")
+    found = _inked(Picture(view, (alarm,), chosen=Chosen(marked=frozenset({2}))))
     assert "red" in found["1"]
     assert "magenta" in found["2"]
     for word, name in (("3", "scouts"), ("5", "sweepers"), ("11", "rest")):
-        assert colours[name] in found[word]
-        assert colours[name] in found[name]
+        assert colours[name].lower() in found[word]
+        assert colours[name].lower() in found[name]
 
 
 def test_the_names_of_groups_in_one_place_stand_below_each_other() -> None:
@@ -490,6 +536,38 @@ def test_an_accepted_command_has_no_colour_of_an_error_and_a_refused_one_has() -
     assert colours() == {"green"}
     model.fold(Ack(6, "c", False, "no"), 30.1)
     assert "red" in colours()
+
+
+def test_homes_path_and_fence_are_on_the_map() -> None:
+    """Where agents stood before they took off; the legs of the step that is flown and of those to
+    come; turned to the whole mission, all of it is seen."""
+    at_m, corners = (0.0, 120.0), ((-200.0, 0.0), (200.0, 0.0), (200.0, 150.0), (-200.0, 150.0))
+    takeoff, form, _, land = steps_of(PLAN)
+    ways_m = (((70.0, 120.0), at_m), ((180.0, 70.0),))
+    legs = (MoveStep(way_m, 2.0, 1.0, 1.0, 60.0) for way_m in ways_m)
+    plan = with_group(PLAN, steps=(takeoff, form, *legs, land))
+    plan = replace(plan, fence=Fence(corners, 30.0))
+    model = Model(plan)
+    for k, agent in enumerate(plan.agents):
+        ground = {"phase": Phase.PREPARE, "step": 0, "airborne": False}
+        north, east = agent.start[0] * plan.unit_m, agent.start[1] * plan.unit_m
+        home_m = (north - 20.0, east, 0.0)
+        if k:  # of one that is heard in the air alone none knows where it stood
+            model.fold(state_of(plan, agent.id, 5.0, 1, position_ned_m=home_m, **ground), 5.0)
+        model.fold(state_of(plan, agent.id, 30.0, 2), 30.0)
+    assert [*model.view(30.0).histories.homes] == [2, 3, 4, 5, 6]
+
+    def drawn(step: int) -> str:
+        for agent in plan.agents:
+            model.fold(state_of(plan, agent.id, 30.0 + step, 2 + step, step=step), 30.0 + step)
+        picture = Picture(model.view(30.0 + step), chosen=Chosen(seen_from="whole"))
+        for corner in corners:
+            x, y = fitted(picture, 90, 40).dot(corner)
+            assert 0.0 <= x <= 180.0
+            assert 0.0 <= y <= 160.0
+        return "\n".join(line.text for line in map_lines(picture, 90, 40))
+
+    assert (drawn(3).count("⌂"), drawn(3).count("×"), drawn(4).count("×")) == (5, 3, 1)
 
 
 def test_a_target_is_on_the_map_with_the_age_of_old_news() -> None:

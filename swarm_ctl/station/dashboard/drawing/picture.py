@@ -3,10 +3,13 @@ has chosen."""
 
 from __future__ import annotations
 
+import functools
+import itertools
 from dataclasses import dataclass, field
 
 from swarm_ctl.core.model.plan import Point
 from swarm_ctl.station.picture.alarms import FOLLOWS, Alarm, Level
+from swarm_ctl.station.picture.colours import ON_DARK, group_names
 from swarm_ctl.station.picture.journal import JournalLine
 from swarm_ctl.station.picture.view import SwarmView
 
@@ -41,7 +44,7 @@ class Chosen:
     """None: none is being placed."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)  # no slots: it keeps its colours
 class Picture:
     """One moment on screen."""
 
@@ -52,6 +55,25 @@ class Picture:
     unacknowledged: int = 0
     """Alarms that the operator has not acknowledged."""
     chosen: Chosen = field(default_factory=Chosen)
+    palette: tuple[str, ...] = ON_DARK
+    """The colours of agents and groups on this screen, by their numbers (`colours.inks`)."""
+
+    def group_ink(self, name: str) -> str:
+        """The colour of a group; '' of the whole swarm, and of one that flies no steps of its
+        own."""
+        names = group_names(self.view.plan)
+        return self.palette[names.index(name) % len(self.palette)] if name in names else ""
+
+    @functools.cached_property
+    def inks(self) -> dict[int, str]:
+        """By agent, its colour; of one that flies in a group now, that of the group. With more
+        agents than colours they come again: ids stand beside them."""
+        view = self.view
+        if group_names(view.plan):
+            found = ((i, self.group_ink(group.name)) for group in view.groups for i in group.agents)
+            return {agent: colour for agent, colour in found if colour}
+        ids = (agent.id for agent in view.plan.agents)
+        return dict(zip(ids, itertools.cycle(self.palette), strict=False))
 
     @property
     def innocent(self) -> frozenset[int]:

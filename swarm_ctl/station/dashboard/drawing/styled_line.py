@@ -23,6 +23,14 @@ LEVEL_STYLE: Final = {
     Level.WARNING: "yellow",
     Level.ERROR: "bold red",
 }
+ALARM_STYLE: Final = {
+    Level.WELL: "black on bright_green",
+    Level.WAITING: "black on bright_cyan",
+    Level.WARNING: "black on bright_yellow",
+    Level.ERROR: "bold bright_white on red",
+}
+"""Where the ground says it: bars, and ids on the map, whose letters have their agents' colours."""
+MARKED: Final = "bold magenta"
 _BLOCKS: Final = "▁▂▃▄▅▆▇█"
 
 

@@ -119,9 +119,10 @@ class Painting:
     """A cell painted by hand: (words, style) from left to right."""
 
     parts: tuple[tuple[str, str], ...]
+    click: str = ""
 
     def segments(self, _: Console) -> list[Segment]:
-        return [Segment(words, style(name)) for words, name in self.parts]
+        return [Segment(words, style(name, self.click)) for words, name in self.parts]
 
 
 TableCell: TypeAlias = WordsView | Trend | Painting

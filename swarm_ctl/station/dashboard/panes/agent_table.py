@@ -12,18 +12,25 @@ from swarm_ctl.core.model.messages import AgentStatus, Phase
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.text import printable
 from swarm_ctl.station.dashboard.drawing.picture import Picture
-from swarm_ctl.station.dashboard.drawing.styled_line import DASH, LEVEL_STYLE, SIGN, WELL, fit
-from swarm_ctl.station.dashboard.drawing.widgets import CellTable, Heading, WordsView
-from swarm_ctl.station.dashboard.panes.groups import ink, short
+from swarm_ctl.station.dashboard.drawing.styled_line import (
+    DASH,
+    LEVEL_STYLE,
+    MARKED,
+    SIGN,
+    WELL,
+    fit,
+)
+from swarm_ctl.station.dashboard.drawing.widgets import CellTable, Heading, Painting, TableCell
+from swarm_ctl.station.dashboard.panes.groups import short
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.summaries import flown_order
-from swarm_ctl.station.picture.view import AgentView, SwarmView
+from swarm_ctl.station.picture.view import AgentView
 
 _ROOMY: Final = 103
 """From this width on there is room for whole step names."""
 _PHASE_STYLE: Final = {
     Phase.FLY: "green",
-    Phase.HOLD: "yellow",
+    Phase.HOLD: "cyan",
     Phase.YIELD: "bold yellow",
     Phase.LAND: "cyan",
     Phase.TAKEOFF: "cyan",
@@ -36,8 +43,8 @@ class AgentColumn:
     """A column: its words and their style for an agent, and what it sorts by (None goes last)."""
 
     heading: Heading
-    words: Callable[[AgentView, SwarmView, int], tuple[str, str]]
-    """Of an agent in a view, for a width."""
+    words: Callable[[AgentView, Picture, int], tuple[str, str]]
+    """Of an agent in a picture, for a width."""
     key: Callable[[AgentView], Any]
 
 
@@ -66,7 +73,7 @@ def _speed_mps(agent: AgentView) -> float | None:
     return float((north * north + east * east) ** 0.5)
 
 
-def _phase(agent: AgentView, _: SwarmView, __: int) -> tuple[str, str]:
+def _phase(agent: AgentView, _: Picture, __: int) -> tuple[str, str]:
     if agent.lost:
         return "SILENT", "bold red"
     if agent.phase is None:
@@ -74,8 +81,8 @@ def _phase(agent: AgentView, _: SwarmView, __: int) -> tuple[str, str]:
     return agent.phase.name.lower(), _PHASE_STYLE.get(agent.phase, "")
 
 
-def _step(agent: AgentView, view: SwarmView, width: int) -> tuple[str, str]:
-    told = agent.newest
+def _step(agent: AgentView, picture: Picture, width: int) -> tuple[str, str]:
+    told, view = agent.newest, picture.view
     if told is None:
         return DASH, ""
     order = flown_order(agent, view)
@@ -87,22 +94,22 @@ def _step(agent: AgentView, view: SwarmView, width: int) -> tuple[str, str]:
     return (name + done if whole else name[: width - len(done.strip())] + done.strip()), ""
 
 
-def _mode(agent: AgentView, _: SwarmView, __: int) -> tuple[str, str]:
+def _mode(agent: AgentView, _: Picture, __: int) -> tuple[str, str]:
     return (printable(agent.status.mode) if agent.status and agent.status.mode else DASH), ""
 
 
-def _armed(agent: AgentView, _: SwarmView, __: int) -> tuple[str, str]:
+def _armed(agent: AgentView, _: Picture, __: int) -> tuple[str, str]:
     return ("" if agent.status is None else "yes" if agent.status.armed else "no"), ""
 
 
-def _nearest(agent: AgentView, _: SwarmView, width: int) -> tuple[str, str]:
+def _nearest(agent: AgentView, _: Picture, width: int) -> tuple[str, str]:
     if agent.nearest_agent is None:
         return DASH, ""
     whose = f" to {agent.nearest_agent}"
     return fit(agent.nearest_m, width - len(whose), 2) + whose, ""
 
 
-def _age(agent: AgentView, _: SwarmView, width: int) -> tuple[str, str]:
+def _age(agent: AgentView, _: Picture, width: int) -> tuple[str, str]:
     if agent.phase is Phase.ENDED:
         return DASH, ""
     return fit(agent.link.age_s, width, 2), "bold red" if agent.lost else ""
@@ -112,9 +119,9 @@ _ID: Final = Heading("id", 4)
 """One cell of it for the mark."""
 
 
-def _group(agent: AgentView, view: SwarmView, _: int) -> tuple[str, str]:
-    group = view.group_now(agent.id)
-    return (short(group.name), ink(view.plan, group.name)) if group is not None else (DASH, "dim")
+def _group(agent: AgentView, picture: Picture, _: int) -> tuple[str, str]:
+    group = picture.view.group_now(agent.id)
+    return (short(group.name), picture.group_ink(group.name)) if group else (DASH, "dim")
 
 
 _STEP: Final = AgentColumn(
@@ -189,9 +196,9 @@ class AgentTable(CellTable):
         for agent in agents:
             click, level = f"app.mark({agent.id})", levels.get(agent.id, Level.WELL)
             dim = "dim" if agent.phase is Phase.ENDED or agent.id in innocent else ""
-            row = [_id_cell(picture, agent, level, click)]
+            row: list[TableCell] = [_id_cell(picture, agent, level, dim, click)]
             for column, heading in zip(columns, headings[1:], strict=False):
-                words, name = column.words(agent, picture.view, heading.width)
+                words, name = column.words(agent, picture, heading.width)
                 row.append(heading.cell(words, f"{dim} {name}".strip(), click))
             if len(headings) > len(row):
                 row.append(
@@ -218,13 +225,16 @@ def _titled(heading: Heading, picture: Picture) -> Heading:
     return Heading(title, heading.width, heading.left, "bold underline")
 
 
-def _id_cell(picture: Picture, agent: AgentView, level: Level, click: str) -> WordsView:
-    """The mark, the sign of the worst alarm, the id."""
+def _id_cell(picture: Picture, agent: AgentView, level: Level, dim: str, click: str) -> Painting:
+    """The mark, the sign of the worst alarm, the id in the agent's colour."""
     mark = "◆" if agent.id in picture.chosen.marked else " "
-    sign = SIGN[level] if level >= Level.WARNING else " "
-    name = "bold magenta" if mark != " " else LEVEL_STYLE[level] if sign != " " else "bold"
-    words = f"{sign}{agent.id:>2}" if agent.id < 100 else str(agent.id)
-    return _ID.cell(mark + words, name, click)
+    own = dim or f"bold {picture.inks.get(agent.id, '')}".strip()
+    if level >= Level.WARNING:
+        own = LEVEL_STYLE[level]
+        sign = "" if agent.id >= 100 else SIGN[level]
+    else:
+        sign = "" if agent.id >= 100 else " "
+    return Painting(((mark, MARKED), (f"{sign}{agent.id:>2} ", own)), click)
 
 
 def _alarm_names(picture: Picture) -> dict[int, str]:

@@ -1,12 +1,9 @@
-"""The groups of a mission that splits: a line for each that flies now, and each one's colour, which
-means nothing else on the dashboard."""
+"""The groups of a mission that splits: a line for each that flies now."""
 
 from __future__ import annotations
 
 from typing import Final
 
-from swarm_ctl.commands.parse import group_names
-from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.text import ranges
 from swarm_ctl.station.dashboard.drawing.picture import Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import WAITING, StyledLine, fit
@@ -14,27 +11,8 @@ from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.summaries import flown_order
 from swarm_ctl.station.picture.view import GroupView, SwarmView
 
-_INKS: Final = ("#4f8fe8", "#2f9c94", "#9a72e8", "#a08a70", "#d0689a", "#7f8a94")
-"""None of the sixteen colours: those tell of states. All can be read on black and on white."""
 _LONGEST: Final = 9
 """Cells of a group's name."""
-
-
-def ink(plan: Plan, name: str) -> str:
-    """The colour of a group; '' of the whole swarm. With more than six groups they come again: the
-    names stand beside them."""
-    names = group_names(plan)
-    return _INKS[names.index(name) % len(_INKS)] if name in names else ""
-
-
-def inks(view: SwarmView) -> dict[int, str]:
-    """By agent, the colour of the group that it flies in now."""
-    return {
-        agent: colour
-        for group in view.groups
-        if (colour := ink(view.plan, group.name))
-        for agent in group.agents
-    }
 
 
 def group_lines(picture: Picture, width: int) -> list[StyledLine]:
@@ -51,7 +29,7 @@ def group_lines(picture: Picture, width: int) -> list[StyledLine]:
     )
     lines = []
     for group, name, step, members in zip(view.groups, names, steps, ids, strict=True):
-        line = StyledLine(f" {name:{wide_name}}", f"bold {ink(view.plan, group.name)}".strip())
+        line = StyledLine(f" {name:{wide_name}}", f"bold {picture.group_ink(group.name)}".strip())
         line.add(f"  {step:{wide_step}}", "bold")
         line.add(f"  {members[: max(4, width // 4)]:{min(wide_ids, max(4, width // 4))}}")
         if group.error_m is not None:

@@ -28,7 +28,8 @@ KEYS: Final = """
 Z | place a zone on the map: arrows (shift: further) or a click move it, + - size it, Enter
   opens its order, Esc drops it
 s S | sort by the next column, reverse the order; or click a title
-v | swarm: the map from above, from the south, from the east; links: what the matrix shows
+v | swarm: the map of the swarm, of all of the mission, from south, from east; links: what the
+  matrix shows
 / w | log: filter by words, by level
 x | acknowledge alarms: they stay, and no longer count as new
 : | command line; tab completes, ↑ brings the last one back, esc leaves it
@@ -38,13 +39,14 @@ Ctrl-C | land the swarm; again: stop everything at once. A watching station only
 mouse | a screen's name, a title of the table, an agent in the table or map, a key below
 """
 SIGNS: Final = f"""
-map | number: agent, ○ slot to fill, dots: the agent's trail, circle: half of r_out (where two
-  touch, avoidance begins); red outlines: fence and zones; ◎ target. In the corner: how old the news
-  of it is, how far the formation's centre is off its place about it, its height
+colours | green: well, cyan: under way or waiting, yellow: look, red: at stake, magenta: marked by
+  you. Each agent has a colour of its own, the same in table, map and report; an alarm is a ground
+map | number: agent, ○ its slot, ⌂ where it took off, dots: its trail, circle: half of r_out (where
+  two touch, avoidance begins: cyan); × the path's ends; outlines: fence and zones; ◎ target. In the
+  corner: how old the news of it is, how far the formation's centre is off its place, its height
 groups | a line for each that flies now: its step of how many, agents, how far it is off its
-  shape, … how long it waits and for whom. Each has a colour of its own, in which map and table show
-  its agents while all is well with them; its name stands below them, and in the table in the
-  place of the mode
+  shape, … how long it waits and for whom. Its agents have its colour; its name stands below them,
+  and in the table in the place of the mode
 from a side | heights above the origin at the left, on a scale of their own
 lines | neighbours; green well, yellow bad or nearly too long, red lost
 table | up: height; error: distance from its place in the shape; nearest: how near which agent is;

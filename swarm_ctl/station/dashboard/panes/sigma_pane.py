@@ -85,6 +85,7 @@ class SigmaPane(Pane):
             (*_SIDES, *trend), {str(row[0]): row[: len(_SIDES) + len(trend)] for row in sides}
         )
         terms = self.query_one("#terms", CellTable)
+        pairs.display, terms.display = bool(view.pairs), any(a.sigma for a in view.agents)
         terms.show(_TERMS, {str(a.id): _term(a.id, a.sigma) for a in view.agents if a.sigma})
         tally = self.query_one("#tally", Painted)
         tally.paint([StyledLine(), *_tally(view, tally.room[0]), *_filter(view)])
@@ -129,7 +130,11 @@ def _laws(view: SwarmView) -> list[StyledLine]:
 
 
 def _no_pairs(view: SwarmView) -> list[StyledLine]:
-    return [] if view.pairs else [StyledLine("   no pair is in the avoidance region", "dim")]
+    if view.pairs:
+        return []
+    r_out_m = view.plan.law.r_out * view.plan.unit_m
+    words = f"nothing near: no two agents are within {r_out_m:g} m (r_out), so none avoids another"
+    return [StyledLine(f"   {words}")]
 
 
 def _side(view: SwarmView, pair: PairView, k: int, trend: int) -> list[TableCell]:

@@ -8,18 +8,18 @@ import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
 from swarm_ctl.core.model.geometry import mean_of
 from swarm_ctl.core.model.messages import Phase
-from swarm_ctl.core.model.plan import Point
+from swarm_ctl.core.model.plan import GroupPlan, Point
 from swarm_ctl.core.model.vehicle import Vector3
 from swarm_ctl.station.dashboard.drawing.canvas import Canvas, Floats
 from swarm_ctl.station.dashboard.drawing.picture import Picture
-from swarm_ctl.station.dashboard.drawing.styled_line import LEVEL_STYLE, SIGN, StyledLine
-from swarm_ctl.station.dashboard.panes.groups import ink, inks
+from swarm_ctl.station.dashboard.drawing.styled_line import ALARM_STYLE, MARKED, SIGN, StyledLine
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.link_quality import mesh_judgements
 from swarm_ctl.station.picture.view import AgentView, TargetView
@@ -44,10 +44,17 @@ _SHOWN_M: Final = 400.0
 """A target that is farther away does not shrink the map."""
 _LONG: Final = 0.95
 """Share of the interaction range from which a link counts as nearly too long."""
-_AXES: Final = {"above": (0, 1), "south": (2, 1), "east": (2, 0)}
+_AXES: Final = {"above": (0, 1), "whole": (0, 1), "south": (2, 1), "east": (2, 0)}
 """Which of north, east and up go upwards and to the right on the map that is seen from there."""
-SIDES: Final = {"above": "N↑", "south": "from the south, E→", "east": "from the east, N→"}
-"""Where the map is seen from, and how it says so."""
+SIDES: Final = {
+    "above": "N↑",
+    "whole": "all of the mission, N↑",
+    "south": "from the south, E→",
+    "east": "from the east, N→",
+}
+"""Where the map is seen from, and how it says so; from above the swarm, or all that is drawn."""
+_ASIDE: Final = ("south", "east")
+_HOME: Final = "⌂"
 _PUSHED: Final = 12
 """Cells that an id may be beside its agent, on a map from the side."""
 _UP_ROOM_M: Final = 1.5
@@ -114,15 +121,17 @@ def map_lines(picture: Picture, width: int, height: int) -> list[StyledLine]:
         return [StyledLine("  no positions yet: no map" if not placed else "", "dim")]
     scale = fitted(picture, width, height)
     drawing = _Drawing(Canvas(width, height), scale, picture, placed)
-    if scale.seen_from == "above":
-        drawing.zones()
-    else:
+    if scale.seen_from in _ASIDE:
         drawing.heights()
         drawing.walls()
+    else:
+        drawing.zones()
+        drawing.path()
     drawing.links()
-    if scale.seen_from == "above":
+    if scale.seen_from not in _ASIDE:
         drawing.circles()
     drawing.trails()
+    drawing.homes()
     drawing.slots()
     drawing.groups()
     drawing.agents()
@@ -142,18 +151,20 @@ def round_length(most_m: float) -> float:
 def fitted(picture: Picture, width: int, height: int) -> MapScale:
     """The largest scale with all that is to be seen on the canvas. A zone is placed from above.
     From a side heights have a scale of their own, and the ground is there where it is near."""
-    side = "above" if picture.chosen.new_zone is not None else picture.chosen.seen_from
+    side = picture.chosen.seen_from
+    if picture.chosen.new_zone is not None and side in _ASIDE:
+        side = "above"
     margin = picture.view.plan.law.r_out * picture.view.plan.unit_m / 2
-    margins = np.array((margin if side == "above" else _UP_ROOM_M, margin))
-    seen = _seen(side, _to_be_seen(picture))
+    margins = np.array((_UP_ROOM_M if side in _ASIDE else margin, margin))
+    seen = _seen(side, _to_be_seen(picture, whole=side == "whole"))
     low, high = seen.min(axis=0) - margins, seen.max(axis=0) + margins
-    if side != "above" and 0.0 < low[0] < max(_GROUND_M, 2 * (high[0] - low[0])):
+    if side in _ASIDE and 0.0 < low[0] < max(_GROUND_M, 2 * (high[0] - low[0])):
         low[0] = -_UP_ROOM_M
     size = np.maximum(high - low, 4 * margins)
     top, left, bottom = _edges(picture, side, width, height)
     dots = np.array((4 * (height - top - bottom) - 2, 2 * (width - left) - 2))
     most = dots / size
-    if side == "above":
+    if side not in _ASIDE:
         most[:] = most.min()
     dots_per_m = np.array([_STEP ** math.floor(math.log(each, _STEP)) for each in most.tolist()])
     grid = 8 / dots_per_m  # two rows: a drifting agent does not make the picture tremble
@@ -165,9 +176,9 @@ def fitted(picture: Picture, width: int, height: int) -> MapScale:
     return MapScale(right, at, width, height, side, up / right)
 
 
-def _to_be_seen(picture: Picture) -> list[Vector3]:
+def _to_be_seen(picture: Picture, *, whole: bool) -> list[Vector3]:
     """(north, east, down) [m] of agents, slots, targets that are not far away, and the corners of
-    the zone that is being placed."""
+    the zone that is being placed; of the whole mission homes, paths, zones and fence, too."""
     view, new = picture.view, picture.chosen.new_zone
     places = [agent.state.position_ned_m for agent in view.agents if agent.state is not None]
     near = [t for t in view.targets if math.dist(t.at_m, places[0][:2]) < _SHOWN_M]
@@ -176,13 +187,29 @@ def _to_be_seen(picture: Picture) -> list[Vector3]:
     if new is not None:
         (north, east), r = new.centre_m, new.radius_m
         places += [(north - r, east - r, 0.0), (north + r, east + r, 0.0)]
+    if whole:
+        lines = [_path(group, view.plan.unit_m) for group in view.plan.groups]
+        lines += [zone.outline_m for zone in view.zones]
+        lines += [tuple(view.histories.homes.values())]
+        lines += [view.plan.fence.polygon_m] if view.plan.fence else []
+        places += [(*point, 0.0) for line in lines for point in line]
     return places
+
+
+def _path(group: GroupPlan, unit_m: float, since: int = 0) -> tuple[Point, ...]:
+    """(north, east) [m] of the ends of the legs that a group's centre flies from a step on, before
+    them where it is then."""
+    north, east = mean_of([agent.start for agent in group.agents])
+    ends = [(north * unit_m, east * unit_m)]
+    for k, step in zip(group.numbers, group.steps, strict=True):
+        ends = [*(ends if k > since else ends[-1:]), *step.way_m]
+    return tuple(ends)
 
 
 def _edges(picture: Picture, side: str, width: int, height: int) -> tuple[int, int, int]:
     """Rows at the top, cells at the left, rows at the bottom that are left to words."""
     top = min(len(picture.view.plan.targets), height // 3)
-    if side == "above":
+    if side not in _ASIDE:
         return top, 0, 0
     return top, _LABEL if width >= 4 * _LABEL else 0, 1 if height >= _ROOMY else 0
 
@@ -237,14 +264,32 @@ class _Drawing:
     def zones(self) -> None:
         """Their outlines and names, and the fence's."""
         view, dot = self.picture.view, self.scale.dot
-        plan, outlines = view.plan, [(zone.outline_m, "red") for zone in view.zones]
-        outlines += [(plan.fence.polygon_m, "red dim")] if plan.fence else []
+        plan, outlines = view.plan, [(zone.outline_m, "bold") for zone in view.zones]
+        outlines += [(plan.fence.polygon_m, "")] if plan.fence else []
         for outline, name in outlines:
             for a, b in zip(outline, (*outline[1:], *outline[:1]), strict=True):
                 self.canvas.line(dot(a), dot(b), name, every=2.0)
         for zone in view.zones:
             x, y = dot(mean_of(zone.corners_m))
-            self.canvas.words(int(x // 2) - len(zone.name) // 2, int(y // 4), zone.name, "red")
+            self.canvas.words(int(x // 2) - len(zone.name) // 2, int(y // 4), zone.name, "bold")
+
+    def path(self) -> None:
+        """Of each group's centre in its step and those to come, with a sign at the end of each
+        leg."""
+        view, dot = self.picture.view, self.scale.dot
+        for group in view.groups:
+            ends = _path(group.plan, view.plan.unit_m, group.step)
+            name = self.picture.group_ink(group.name) or "dim"
+            for a, b in pairwise(ends):
+                self.canvas.line(dot(a), dot(b), name, every=4.0)
+            for x, y in map(dot, ends[1:]):
+                self.canvas.words(int(x // 2), int(y // 4), "×", name)
+
+    def homes(self) -> None:
+        """Where each agent stood before it took off."""
+        for agent, home_m in self.picture.view.histories.homes.items():
+            x, y = self.scale.dot(home_m)
+            self.canvas.words(int(x // 2), int(y // 4), _HOME, self.inks.get(agent, "dim"))
 
     def walls(self) -> None:
         """Zones and fence from the side, from floor to ceiling."""
@@ -252,10 +297,10 @@ class _Drawing:
         fence = view.plan.fence
         if fence is not None:
             outline = fence.polygon_m or tuple(map(position, self.placed.values()))
-            self._wall(outline, (0.0, fence.height_m), "", "red dim")
+            self._wall(outline, (0.0, fence.height_m), "", "")
         for zone in view.zones:
             ceiling_m = math.inf if zone.ceiling_m is None else zone.ceiling_m
-            self._wall(zone.outline_m, (zone.floor_m or 0.0, ceiling_m), zone.name, "red")
+            self._wall(zone.outline_m, (zone.floor_m or 0.0, ceiling_m), zone.name, "bold")
 
     def _wall(
         self, outline: Sequence[Point], heights_m: tuple[float, float], name: str, style: str
@@ -322,13 +367,13 @@ class _Drawing:
         radius = view.plan.law.r_out * view.plan.unit_m / 2 * self.scale.dots_per_m
         for agent in self.placed.values():
             if agent.phase is not Phase.ENDED and radius >= 3:
-                name = "yellow" if agent.id in near else self.inks.get(agent.id, "blue")
+                name = "cyan" if agent.id in near else f"{self.inks.get(agent.id, '')} dim".strip()
                 self.canvas.circle(self._dot(agent), radius, name)
 
-    @functools.cached_property
+    @property
     def inks(self) -> dict[int, str]:
-        """By agent, the colour of its group."""
-        return inks(self.picture.view)
+        """By agent, its colour."""
+        return self.picture.inks
 
     def _dot(self, agent: AgentView) -> tuple[float, float]:
         """Of one with a position."""
@@ -344,7 +389,7 @@ class _Drawing:
             if column <= last.get(row, -1):
                 return True
             last[row] = column + width - 1
-        if self.scale.seen_from == "above":
+        if self.scale.seen_from not in _ASIDE:
             return False
         pushed = (abs(self._place(a)[0] - self._labels[i][0]) for i, a in self.placed.items())
         return max(pushed) > _PUSHED
@@ -354,7 +399,7 @@ class _Drawing:
         """Column, row and width of each agent's id. From a side agents stand behind each other:
         their ids stand beside each other then, about the place that they share."""
         found = {agent.id: self._place(agent) for agent in self.placed.values()}
-        if self.scale.seen_from == "above":
+        if self.scale.seen_from not in _ASIDE:
             return found
         blocks: list[list[int]] = []
         for i in sorted(found, key=lambda i: (found[i][1], found[i][0], i)):
@@ -383,7 +428,7 @@ class _Drawing:
         for agent, whole in self.picture.view.histories.trails.items():
             trail = whole[-_SHORT_TRAIL:] if short else whole
             if len(trail) > 1:
-                self.canvas.dots(*scale.dots(trail), self.inks.get(agent, "cyan"))
+                self.canvas.dots(*scale.dots(trail), self.inks.get(agent, "dim"))
 
     def slots(self) -> None:
         for agent in self.picture.view.agents:
@@ -398,7 +443,7 @@ class _Drawing:
         view, taken = self.picture.view, set[tuple[int, int]]()
         for group in view.groups:
             placed = [self._place(self.placed[i]) for i in group.agents if i in self.placed]
-            colour = ink(view.plan, group.name)
+            colour = self.picture.group_ink(group.name)
             if placed and colour:
                 column = round(sum(column + width / 2 for column, _, width in placed) / len(placed))
                 column -= len(group.name) // 2
@@ -420,13 +465,13 @@ class _Drawing:
         told |= {i for i, level in levels.items() if level >= Level.WARNING}
         for agent in sorted(self.placed.values(), key=lambda agent: agent.id in told):
             level = levels.get(agent.id, Level.WELL)
-            well = f"bold {self.inks.get(agent.id, 'green')}"
+            well = f"bold {self.inks.get(agent.id, '')}".strip()
             name = well if agent.airborne and agent.id not in innocent else "dim"
             if agent.id in chosen.marked:
-                name = "bold magenta"
+                name = f"{MARKED} reverse"
             elif level >= Level.WARNING:
-                name = LEVEL_STYLE[level]
-            name += " reverse" if agent.id == chosen.cursor else ""
+                name = ALARM_STYLE[level]
+            name += " underline" if agent.id == chosen.cursor else ""
             column, row, width = self._place(agent) if self.full else self._labels[agent.id]
             sign = SIGN[level] if level >= Level.WARNING else ""
             words = str(agent.id) + sign
@@ -462,8 +507,8 @@ class _Drawing:
         new = self.picture.chosen.new_zone
         if new is not None:
             x, y = self.scale.dot(new.centre_m)
-            self.canvas.circle((x, y), new.radius_m * self.scale.dots_per_m, "bold red")
-            self.canvas.words(int(x // 2), int(y // 4), "+", "bold red reverse")
+            self.canvas.circle((x, y), new.radius_m * self.scale.dots_per_m, MARKED)
+            self.canvas.words(int(x // 2), int(y // 4), "+", f"{MARKED} reverse")
 
     def scale_bar(self) -> None:
         """A bar of a round length, and where the map is seen from."""
@@ -472,6 +517,6 @@ class _Drawing:
         cells = max(2, round(length_m * dots_per_m / 2))
         canvas.words(1, canvas.height - 1, f"├{'─' * (cells - 2)}┤ {length_m:g} m", "dim")
         words, row = SIDES[self.scale.seen_from], 0
-        if self.scale.seen_from != "above":
+        if self.scale.seen_from in _ASIDE:
             row = canvas.height - 1  # heights and targets have words at the top
         canvas.words(canvas.width - len(words) - 1, row, words, "dim")

@@ -22,12 +22,13 @@ from swarm_ctl.report.judge.verdict import judge
 from swarm_ctl.report.page.junit import junit
 from swarm_ctl.report.page.mission_plot import _draw_steps
 from swarm_ctl.report.page.player import _steps
-from swarm_ctl.report.page.player_parts import inks, labels
+from swarm_ctl.report.page.player_parts import labels
 from swarm_ctl.report.page.run_history import HeardMessages, RunHistory
 from swarm_ctl.report.page.summary_table import brief, left_words, step_rows
 from swarm_ctl.runfolder.flight import no_flight
 from swarm_ctl.runfolder.last_statuses import LastStatus
 from swarm_ctl.runfolder.run_folder import RunFolder
+from swarm_ctl.station.picture.colours import inks
 from tests.unit.plans import REST, SCOUTS, SWEEPERS, groups_mission
 from tests.unit.report.run_folders import manifest
 from tests.unit.station.swarm import status_of
