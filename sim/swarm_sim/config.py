@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
-from swarm_sim.firmware.parameters.parameter_set import SIM_DEFAULTS
+from swarm_sim.firmware.parameters import SIM_DEFAULTS
 from swarm_sim.physics.geodesy import GeodeticPoint
 
 Persona = Literal["ardupilot", "px4"]

@@ -27,9 +27,8 @@ from typing import IO, Final
 from pydantic import TypeAdapter, ValidationError
 
 from swarm_ctl.core.model.messages import AgentStatus, Outcome
-from swarm_ctl.deploy.bundle import KEYS, MANIFEST, Bundle
+from swarm_ctl.deploy.bundle import KEYS, MANIFEST, ROOT, Bundle, BundleManifest, Service
 from swarm_ctl.deploy.logs import last_line, pack_logs
-from swarm_ctl.deploy.manifest import ROOT, BundleManifest, Service
 from swarm_ctl.deploy.report import HostReport, ReportedState, ServiceReport
 from swarm_ctl.deploy.services import Services, services_of, units_of
 from swarm_ctl.engine.clock import date_and_time, pause, wall_s

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final, Protocol
 
-from swarm_ctl.deploy.manifest import ROOT, BundleManifest, Service
+from swarm_ctl.deploy.bundle import ROOT, BundleManifest, Service
 from swarm_ctl.errors import StartError
 from swarm_ctl.files import replacing
 

@@ -18,7 +18,6 @@ from typing import Any, Final, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.messages import (
     LEAVING,
     Ack,
@@ -38,6 +37,7 @@ from swarm_ctl.core.model.messages import (
     StationBeacon,
     TargetWord,
 )
+from swarm_ctl.core.model.planned_formation import Frame
 from swarm_ctl.errors import PayloadError
 
 VERSION: Final = 9

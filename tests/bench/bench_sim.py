@@ -29,8 +29,7 @@ from swarm_sim.firmware.message import Message
 from swarm_sim.network.codec import Codec
 from swarm_sim.network.hub import Hub
 from swarm_sim.physics.response import ArdupilotResponse
-from swarm_sim.world.sim_vehicle import VehicleGroup
-from swarm_sim.world.world import STEP_S
+from swarm_sim.world.world import STEP_S, VehicleGroup
 from tests.unit.sim.harness import config
 
 SIZES = (1, 6, 32, 100, 500)

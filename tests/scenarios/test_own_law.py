@@ -19,8 +19,8 @@ from swarm_ctl.core.model.plan import LawParameters
 from swarm_ctl.core.swarm.gain_update import planned
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.law_loader import LawError, law_of, own_law, pinned
+from swarm_ctl.mission.compile.forecast import Rehearsal
 from swarm_ctl.mission.compile.loader import load, loads
-from swarm_ctl.mission.compile.rehearsal import Rehearsal
 from swarm_ctl.study.batch import batch_flight
 from swarm_ctl.study.batch.batch import Batch, draw
 from swarm_ctl.study.batch.batch_flight import BatchResult, fly

@@ -11,9 +11,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.engine.gcs.config import GcsAddress, RelayVehicle
+from swarm_ctl.engine.gcs.gcs_process import GcsRelay, VehiclePort
 from swarm_ctl.engine.gcs.gcs_socket import GcsSocket
-from swarm_ctl.engine.gcs.relay import GcsRelay
-from swarm_ctl.engine.gcs.vehicle_port import VehiclePort
 from swarm_ctl.engine.launch.ports import free_ports
 from swarm_ctl.mavlink.wires import memory_wires
 from swarm_ctl.mission.compile.loader import loads

@@ -6,7 +6,7 @@ from pathlib import Path
 from statistics import median
 
 from swarm_ctl.core.model.timeouts import OWN_FIX_S
-from swarm_ctl.engine.radio.lateness import LATE_S
+from swarm_ctl.engine.radio.switch import LATE_S
 from swarm_ctl.mission.compile.loader import load
 from tests.scenarios.radio import RadioSwarm
 from tests.scenarios.swarm import flown_once, landing_fast

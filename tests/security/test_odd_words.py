@@ -11,7 +11,6 @@ from typing import Any
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.messages import (
     AgentState,
     Answers,
@@ -26,6 +25,7 @@ from swarm_ctl.core.model.messages import (
     StationBeacon,
     Tuning,
 )
+from swarm_ctl.core.model.planned_formation import Frame
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.swarm.in_plan import InPlan
 from swarm_ctl.errors import PayloadError

@@ -37,8 +37,7 @@ from swarm_sim.firmware.message import (
     MavResult,
     MavSeverity,
 )
-from swarm_sim.firmware.parameters.ardupilot_parameters import ARDUPILOT_DEFAULTS
-from swarm_sim.firmware.parameters.parameter_set import CAST
+from swarm_sim.firmware.parameters import ARDUPILOT_DEFAULTS, CAST
 from swarm_sim.firmware.protocol import ardupilot_transfer, uploaded_mission
 from swarm_sim.firmware.protocol.commands import COMMON, condition_yaw, set_mission_current
 from swarm_sim.firmware.protocol.telemetry import readings

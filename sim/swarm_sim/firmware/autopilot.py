@@ -35,12 +35,7 @@ from swarm_sim.firmware.message import (
     MavSeverity,
     Message,
 )
-from swarm_sim.firmware.parameters.parameter_set import (
-    SIM_DEFAULTS,
-    Encoding,
-    Parameters,
-    TypedValue,
-)
+from swarm_sim.firmware.parameters import SIM_DEFAULTS, Encoding, Parameters, TypedValue
 from swarm_sim.firmware.streams import Streams
 from swarm_sim.physics.geodesy import GeodeticPoint, TangentPlane, Vector3
 

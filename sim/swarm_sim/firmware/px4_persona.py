@@ -37,8 +37,7 @@ from swarm_sim.firmware.message import (
     MavResult,
     MavSeverity,
 )
-from swarm_sim.firmware.parameters.parameter_set import BYTEWISE, typed
-from swarm_sim.firmware.parameters.px4_parameters import PX4_DEFAULTS
+from swarm_sim.firmware.parameters import BYTEWISE, PX4_DEFAULTS, typed
 from swarm_sim.firmware.protocol import px4_transfer, uploaded_mission
 from swarm_sim.firmware.protocol.commands import COMMON
 from swarm_sim.physics.geodesy import Vector3

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from swarm_sim.firmware.flying.maneuvers import STILL, Sensed
-from swarm_sim.firmware.parameters.parameter_set import SIM_DEFAULTS, Parameters
+from swarm_sim.firmware.parameters import SIM_DEFAULTS, Parameters
 from swarm_sim.physics.geodesy import Vector3
 
 TICK_S = 0.1

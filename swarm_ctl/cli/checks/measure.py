@@ -17,9 +17,9 @@ from swarm_ctl.cli.shared.options import (
     Speedup,
     endpoint_option,
     option,
+    require_writable,
     switch,
 )
-from swarm_ctl.cli.shared.writable import require_writable
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, VehicleKind
 from swarm_ctl.errors import InputError
 from swarm_ctl.installed import require

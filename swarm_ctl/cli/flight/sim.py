@@ -75,8 +75,7 @@ def sim(
         mavproxy.py --master udpout:127.0.0.1:14601
     """
     from swarm_ctl.engine.clock import Clock
-    from swarm_ctl.engine.launch.sim_alone import serve
-    from swarm_ctl.engine.launch.sim_config import grid_config
+    from swarm_ctl.engine.launch.sim_config import grid_config, serve
     from swarm_ctl.mission.fleet.exposure import listens_wide
 
     if fleet is not None and mission is None:

@@ -13,8 +13,14 @@ import typer
 from rich.table import Table
 
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.options import FleetFile, MissionFile, VehicleKinds, option, switch
-from swarm_ctl.cli.shared.writable import require_writable
+from swarm_ctl.cli.shared.options import (
+    FleetFile,
+    MissionFile,
+    VehicleKinds,
+    option,
+    require_writable,
+    switch,
+)
 from swarm_ctl.errors import InputError
 from swarm_ctl.files import replacing
 from swarm_ctl.mission import ready

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.options import MissionFile, option
-from swarm_ctl.cli.shared.writable import require_writable
+from swarm_ctl.cli.shared.options import MissionFile, option, require_writable
 from swarm_ctl.errors import InputError
 from swarm_ctl.installed import require
 
@@ -125,7 +124,7 @@ def _with_each(fleet: Path, items: Sequence[FenceItem] | None) -> None:
     """Each vehicle of a fleet in turn."""
     from swarm_ctl.cli.security.trust import fleet_of
     from swarm_ctl.engine.link_keys import LinkKeys
-    from swarm_ctl.engine.vehicle_fence import transferred
+    from swarm_ctl.engine.vehicle_key import transferred
 
     found, console, troubled = fleet_of(fleet), PlainConsole(), False
     absent = [str(entry.id) for entry in found.agents if entry.endpoint is None]

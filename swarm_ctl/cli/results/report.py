@@ -10,8 +10,14 @@ from typing import Annotated
 import typer
 
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.options import Headless, Json, complete_runs, option, recorded_run
-from swarm_ctl.cli.shared.writable import require_writable
+from swarm_ctl.cli.shared.options import (
+    Headless,
+    Json,
+    complete_runs,
+    option,
+    recorded_run,
+    require_writable,
+)
 from swarm_ctl.errors import SwarmError
 from swarm_ctl.rim import explained
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import inspect
+import os
 import re
+import tempfile
 from collections.abc import Callable, Sequence
 from functools import wraps
 from pathlib import Path
@@ -13,7 +16,7 @@ import typer
 
 from swarm_ctl.core.model.fleet import plain_endpoint
 from swarm_ctl.engine.vehicles.instances import GCS_PORT
-from swarm_ctl.errors import InputError
+from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.files import read_bytes
 from swarm_ctl.mission.ready import named
 
@@ -227,3 +230,19 @@ def _address(text: str) -> tuple[str, int]:
     if found is None or not 1 <= int(found["port"]) <= 65535:
         raise InputError(f"--gcs {text!r}: not an address; allowed: PORT or HOST:PORT, 1..65535")
     return found["host"] or "127.0.0.1", int(found["port"])
+
+
+def require_writable(path: Path, choose: str) -> None:
+    """Raise StartError where neither a file `path` nor a folder of this name can be written, or
+    made with the folders that it needs; `choose` says how to name another place."""
+    try:
+        there = next(each for each in (path, *path.parents) if each.exists())
+        if there.is_dir():
+            with tempfile.TemporaryFile(dir=there):
+                return
+        if there != path:
+            raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
+        with path.open("ab"):
+            return
+    except OSError as error:
+        raise StartError(f"{path}: can't be written: {error.strerror}; {choose}") from None

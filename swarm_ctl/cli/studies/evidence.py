@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.options import option, switch
-from swarm_ctl.cli.shared.writable import require_writable
+from swarm_ctl.cli.shared.options import option, require_writable, switch
 from swarm_ctl.errors import InputError
 from swarm_ctl.installed import require
 

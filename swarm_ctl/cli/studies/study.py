@@ -13,8 +13,7 @@ import typer
 from typer.main import get_command
 
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.options import Processes, option
-from swarm_ctl.cli.shared.writable import require_writable
+from swarm_ctl.cli.shared.options import Processes, option, require_writable
 from swarm_ctl.errors import InputError
 from swarm_ctl.installed import require
 

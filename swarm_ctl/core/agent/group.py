@@ -16,8 +16,7 @@ from swarm_ctl.core.control.detour import Detour
 from swarm_ctl.core.control.in_file import InFile
 from swarm_ctl.core.control.reference import Reference
 from swarm_ctl.core.control.target import Targets
-from swarm_ctl.core.law.closing import dealt
-from swarm_ctl.core.law.formation import error_of_one
+from swarm_ctl.core.law.formation import dealt, error_of_one
 from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.messages import AgentState, CommandKind, Phase, Severity
 from swarm_ctl.core.model.plan import Plan, Point, Policy

@@ -12,10 +12,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.geometry import Point
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.planned_formation import Frame, PlannedFormation
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.safety.among_zones import AmongZones

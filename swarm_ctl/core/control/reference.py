@@ -18,11 +18,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
-from swarm_ctl.core.kernel.coast import stop_distance
-from swarm_ctl.core.model.formation_frame import STILL, Frame, Motion
+from swarm_ctl.core.kernel.response import stop_distance
 from swarm_ctl.core.model.geometry import Point, centred, mean_of, turned
 from swarm_ctl.core.model.messages import AgentState, Phase
 from swarm_ctl.core.model.plan import GroupPlan, Plan
+from swarm_ctl.core.model.planned_formation import STILL, Frame, Motion
 from swarm_ctl.core.model.steps.follow import FollowStep, Stops
 from swarm_ctl.core.model.steps.step import Path, Step, strayed
 from swarm_ctl.core.model.targets import TargetNow

@@ -1,7 +1,7 @@
 """From flown velocity steps to a vehicle's `Response`: dead time, first-order lag and acceleration
 limit.
 
-The model is the one behind the stop point (`core/kernel/coast.py`): a setpoint acts after the
+The model is the one behind the stop point (`core/kernel/response.py`): a setpoint acts after the
 dead time, then `dv/dt = (setpoint - v) / lag`, never faster than the limit. The fit minimises the
 squared difference between modelled and flown velocity. Times are the controller's own, of sending
 and of hearing, so the dead time contains all that lies between: the vehicle link both ways, the
@@ -18,7 +18,7 @@ from typing import Final
 
 import numpy as np
 
-from swarm_ctl.core.kernel.coast import coast_of, coasted, pending, rest
+from swarm_ctl.core.kernel.response import coast_of, coasted, pending, rest
 from swarm_ctl.core.model.arrays import Floats
 from swarm_ctl.core.model.plan import Response
 

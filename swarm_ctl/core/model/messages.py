@@ -12,8 +12,8 @@ from enum import IntEnum, StrEnum
 from typing import Final, NamedTuple, TypeAlias
 
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
-from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.plan import Point
+from swarm_ctl.core.model.planned_formation import Frame
 from swarm_ctl.core.model.rows import row
 from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.steps.form import FormStep

@@ -162,7 +162,7 @@ class Compensation(StrEnum):
 @dataclass(frozen=True, slots=True)
 class Safety:
     """What stands between the law and the vehicles (`core/kernel/constraints.py`,
-    `core/kernel/release.py`, `core/kernel/wish.py`)."""
+    `core/kernel/wish.py`)."""
 
     filter: Annotated[bool, DERIVED] = True
     """Correct each velocity that would bring two vehicles closer than their keep-out distance."""

@@ -1,4 +1,5 @@
-"""Where a formation is planned to stand between two steps of its group (`GroupPlan.formations`).
+"""Where a formation is planned to stand between two steps of its group (`GroupPlan.formations`),
+and the frame that all its agents share in flight.
 
 The agents' shared frame, the plan's checks, the forecast and the figures all ask here.
 """
@@ -7,9 +8,54 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
 
 from swarm_ctl.core.model.geometry import Point, centred, mean_of, turned
+from swarm_ctl.core.model.rows import row
+
+
+@row
+class Frame:
+    """Where the formation as a whole is to be: its centre [m], and how the slots of the last form
+    step are turned and scaled."""
+
+    point_m: Point
+    angle_rad: float = 0.0
+    scale: float = 1.0
+    leg: int = 0
+    """Waypoints passed."""
+    rate: float = 0.0
+    """Speed now, as a share of the step's."""
+    velocity_mps: Point = (0.0, 0.0)
+    """Of the centre, where a target leads it: no step tells that."""
+
+    def stopped(self) -> Frame:
+        """The same, standing."""
+        return replace(self, rate=0.0, velocity_mps=(0.0, 0.0))
+
+    def flown_on(self, seconds: float) -> Frame:
+        """So much later, where a target leads it."""
+        if self.velocity_mps == (0.0, 0.0):
+            return self
+        (north, east), (v_north, v_east) = self.point_m, self.velocity_mps
+        return replace(self, point_m=(north + v_north * seconds, east + v_east * seconds))
+
+
+class Motion(NamedTuple):
+    """How a frame moves now; horizontal vectors are north + 1j * east."""
+
+    velocity: complex = 0j
+    """Of its centre [m/s]."""
+    spin: complex = 0j
+    """How it grows and turns about its centre [1/s]."""
+
+    def of(self, place: complex) -> complex:
+        """The velocity of a place so far from the centre."""
+        return self.velocity + self.spin * place
+
+
+STILL: Final = Motion()
 
 
 @dataclass(frozen=True, slots=True)

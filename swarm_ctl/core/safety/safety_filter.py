@@ -33,9 +33,8 @@ from swarm_ctl.core.kernel.heights import (
     span,
 )
 from swarm_ctl.core.kernel.program import Row, violated
-from swarm_ctl.core.kernel.release import NO_RELEASE, SWIRL_OFF, noted, swirled, turned
 from swarm_ctl.core.kernel.walls import FENCE
-from swarm_ctl.core.kernel.wish import limited
+from swarm_ctl.core.kernel.wish import NO_RELEASE, SWIRL_OFF, limited, noted, swirled, turned
 from swarm_ctl.core.law.own_response import OwnResponse
 from swarm_ctl.core.model.messages import SafetyReport
 from swarm_ctl.core.model.plan import HEIGHT_DOUBT_M, Plan, Point, Response
@@ -130,7 +129,7 @@ class SafetyFilter:
     def _swirled(
         self, snapshot: PeerSnapshot, own: complex, consensus: complex, avoidance: complex
     ) -> complex:
-        """The avoidance with its swirl (`core/kernel/release.py`); without it near an aircraft
+        """The avoidance with its swirl (`core/kernel/wish.py`); without it near an aircraft
         that is not heard, because that one does not turn."""
         if not avoidance or not consensus:
             return avoidance

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final, NamedTuple
 
-from swarm_ctl.core.kernel.coast import stop_distance
-from swarm_ctl.core.kernel.response import LATEST_S
+from swarm_ctl.core.kernel.response import LATEST_S, stop_distance
 from swarm_ctl.core.model.messages import AgentState
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.swarm.in_plan import InPlan

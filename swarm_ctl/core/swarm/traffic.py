@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from swarm_ctl.core.kernel.coast import stop_distance
+from swarm_ctl.core.kernel.response import stop_distance
 from swarm_ctl.core.model.frames import ned_from_geodetic
 from swarm_ctl.core.model.plan import Compensation, Plan, Point
 from swarm_ctl.core.model.timeouts import PREDICT_S

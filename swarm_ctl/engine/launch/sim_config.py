@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Sequence
-from typing import Any
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Final
 
 from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.core.model.plan import Geodetic, Plan
+from swarm_ctl.engine.clock import pause
+from swarm_ctl.engine.interrupts import Interrupts
+from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.mission.sections.simulation_section import SimulationSection
 
 _READY_AFTER_S = 3.0
@@ -77,3 +85,37 @@ def _vehicle(plan: Plan, vehicle: FleetAgent) -> dict[str, Any]:
     return {"response": lag or "persona"} | vehicle_config(
         vehicle.sysid, vehicle.autopilot, f"udpin:127.0.0.1:{port}", start, plan.origin
     )
+
+
+_POLL_WALL_S: Final = 0.05
+
+
+def serve(settings: dict[str, Any], ready: Callable[[], None]) -> None:
+    """Simulate until Ctrl-C or SIGTERM; calls `ready` once the vehicles listen.
+
+    Raises:
+        InputError: the simulator refuses its settings; its reason stands on stderr.
+        StartError: a port or file does not open.
+    """
+    with tempfile.TemporaryDirectory() as folder, Interrupts() as ctrl_c:
+        path = Path(folder) / "sim.json"
+        path.write_text(json.dumps(settings))
+        command = [sys.executable, "-m", "swarm_sim", "--config", str(path)]
+        with subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            process_group=0,  # a terminal's Ctrl-C is for this process, which passes it on
+        ) as child:
+            if child.stdout is not None and child.stdout.readline():
+                ready()
+            passed_on = 0
+            while (code := child.poll()) is None:
+                if ctrl_c.count > passed_on:
+                    passed_on = ctrl_c.count
+                    child.terminate()  # once a signal: it still has to finish its truth file
+                pause(_POLL_WALL_S)
+    if code != 0 and not ctrl_c.count:
+        error = InputError if code == 2 else StartError
+        raise error(f"the simulator ended with code {code}; its reason stands above")

@@ -5,12 +5,16 @@ The order at the end: vehicles come down first, then processes end, then the sum
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import shutil
-from collections.abc import Callable
+import sys
+import termios
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.core.model.text import agents_named
@@ -31,8 +35,6 @@ from swarm_ctl.engine.launch.processes import (
     wait_ready,
 )
 from swarm_ctl.engine.launch.run_setup import LINK, RunOptions, RunSetup
-from swarm_ctl.engine.launch.terminal_state import TerminalState
-from swarm_ctl.engine.launch.waiting import Waiting, named
 from swarm_ctl.engine.station.screens import Show
 from swarm_ctl.engine.vehicle_memory import left_changed
 from swarm_ctl.engine.vehicles.vehicles_process import READY_WALL_S
@@ -408,3 +410,79 @@ class RunProcesses:
         needed = [child for child in self._children if child not in others]
         codes = {child.name: child.exit_code() for child in needed}
         return {name: code for name, code in codes.items() if code is not None}
+
+
+_MODES: Final = "?2004l ?1000l ?1003l ?1015l ?1006l ?1004l <u ?7h ?25h ?1049l 0m"
+"""No pasting, no mouse, no focus reports, plain keys, wrapping, a cursor, the normal screen, plain
+colours."""
+_LEAVE: Final = "".join(f"\x1b[{mode}" for mode in _MODES.split()).encode()
+
+
+class TerminalState:
+    """The state of stdin's terminal when this was made; nothing where stdin is none. It is put
+    back where a child that took it over can't do it any more."""
+
+    def __init__(self) -> None:
+        self._before: list[Any] | None = None
+        with contextlib.suppress(OSError, ValueError, termios.error):
+            self._before = termios.tcgetattr(sys.stdin.fileno())
+
+    def restore(self) -> None:
+        """Put it back, if it is in another mode now."""
+        if self._before is None:
+            return
+        with contextlib.suppress(OSError, ValueError, termios.error):
+            if termios.tcgetattr(sys.stdin.fileno()) != self._before:
+                termios.tcsetattr(sys.stdin.fileno(), termios.TCSANOW, self._before)
+                os.write(sys.stdout.fileno(), _LEAVE)
+
+
+EVERY_WALL_S: Final = 5.0
+_WAITS_WALL_S: Final = 0.05
+
+
+class Waiting:
+    """Says what is waited for, each `EVERY_WALL_S` from the first call on, until that changes."""
+
+    def __init__(
+        self, say: Callable[[str], None], meanwhile: Callable[[], None] = lambda: None
+    ) -> None:
+        self._say = say
+        self._meanwhile = meanwhile
+        self._what = ""
+        self._since_s = self._due_s = 0.0
+
+    def tell(self, what: str) -> None:
+        """Call it as often as you like; '' when there is nothing to wait for."""
+        now = wall.wall_s()
+        if what != self._what:
+            self._what, self._since_s = what, now
+            self._due_s = max(self._due_s, now + EVERY_WALL_S)
+        if what and now >= self._due_s:
+            self._due_s = now + EVERY_WALL_S
+            self._say(f"waiting for {what}: {now - self._since_s:.0f} s so far")
+
+    def wait(
+        self,
+        children: Sequence[Child],
+        wall_seconds: float,
+        until: str,
+        stop: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Wait until all have ended, at most so long, or until `stop`; `until`: what they do
+        meanwhile."""
+        end_s = wall.wall_s() + wall_seconds
+        while wall.wall_s() < end_s and not stop() and (names := named(children)):
+            self.tell(f"{names} {until}")
+            self._meanwhile()
+            wall.pause(_WAITS_WALL_S)
+        self.tell("")
+
+
+def named(children: Sequence[Child]) -> str:
+    """Those that still run: `agents 1-3`, `the simulator`; '' if none does."""
+    running = [child for child in children if child.exit_code() is None]
+    agents = [child.agent for child in running if isinstance(child, AgentChild)]
+    names = [agents_named(agents)] if agents else []
+    names += [f"the {child.name}" for child in running if not isinstance(child, AgentChild)]
+    return ", ".join(names)

@@ -2,7 +2,7 @@
 
 The sockets keep packets apart (SOCK_SEQPACKET in Linux's abstract name space): no framing, and a
 process that dies is an end of file. `docs/understand/lockstep.md` has all of them. The simulator
-speaks the same by itself (`swarm_sim.network.lockstep`).
+speaks the same by itself (`swarm_sim.network.server`).
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@ until its control ends it."""
 
 from __future__ import annotations
 
+import contextlib
+import json
 import math
 import os
 from collections.abc import Callable
@@ -14,7 +16,6 @@ from swarm_ctl.core.swarm.hearing import hears_all
 from swarm_ctl.engine import clock as wall
 from swarm_ctl.engine.lockstep.seat import Seat, die
 from swarm_ctl.engine.station.attachments import Attachments
-from swarm_ctl.engine.station.control_pipe import ControlPipe
 from swarm_ctl.engine.station.ground_station import Station
 from swarm_ctl.engine.station.screens import Screen
 from swarm_ctl.engine.station.scripted_operator import ScriptedOperator, script_of
@@ -190,3 +191,33 @@ def _is_closed(truth: Path) -> bool:
     with truth.open("rb") as file:
         file.seek(max(0, file.seek(0, os.SEEK_END) - 200))
         return b'"type":"end"' in file.read().replace(b" ", b"")
+
+
+class ControlPipe:
+    """What `run` and its station tell each other, JSON lines: the reading end of a pipe, polled;
+    never blocks. The pipe's end is the other one's end."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._rest = b""
+        self.closed = False
+        os.set_blocking(descriptor, False)
+
+    def poll(self) -> list[dict[str, Any]]:
+        """All whole messages since the last call; what is no JSON object is ignored. Sets `closed`
+        at the end."""
+        while not self.closed:
+            try:
+                data = os.read(self._descriptor, 65536)
+            except BlockingIOError:
+                break
+            self._rest += data
+            self.closed = not data
+        *lines, self._rest = self._rest.split(b"\n")
+        messages = []
+        for line in lines:
+            with contextlib.suppress(ValueError):
+                message = json.loads(line)
+                if isinstance(message, dict):
+                    messages.append(message)
+        return messages

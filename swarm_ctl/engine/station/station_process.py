@@ -22,11 +22,10 @@ from pathlib import Path
 from swarm_ctl.engine.lockstep.seat import STATION, take_seat
 from swarm_ctl.engine.lockstep.words import TickPhase
 from swarm_ctl.engine.protection import operator_identity
-from swarm_ctl.engine.station.control_pipe import ControlPipe
 from swarm_ctl.engine.station.recorders import run_mcap
 from swarm_ctl.engine.station.screens import Show
 from swarm_ctl.engine.station.session import StationSession
-from swarm_ctl.engine.station.station_loop import RunControl
+from swarm_ctl.engine.station.station_loop import ControlPipe, RunControl
 from swarm_ctl.engine.station.swarm_mesh import SwarmMesh
 from swarm_ctl.engine.vehicle_memory import SwarmMemory, VehicleMemory, state_folder
 from swarm_ctl.errors import SwarmError

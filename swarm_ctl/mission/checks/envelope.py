@@ -13,8 +13,7 @@ from typing import Final
 
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.mission.input.document import Mistake, Place
-from swarm_ctl.mission.input.findings import ROUNDING, Findings
+from swarm_ctl.mission.input.document import ROUNDING, Findings, Mistake, Place
 from swarm_ctl.mission.mission_file import MissionFile
 
 

@@ -24,10 +24,11 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.mission.checks import zone_checks
 from swarm_ctl.mission.fleet.fleet_checks import check_fleet, check_hosts, check_trust
 from swarm_ctl.mission.geometry.shapes import slot_count, slots_of, ups_of
-from swarm_ctl.mission.input.document import Mistake, Place
-from swarm_ctl.mission.input.findings import (
+from swarm_ctl.mission.input.document import (
     ROUNDING,
     Findings,
+    Mistake,
+    Place,
     bad_links,
     listed,
     named_parts,

@@ -7,8 +7,7 @@ import itertools
 from swarm_ctl.core.model.plan import Plan, PlannedStep
 from swarm_ctl.core.safety.fence import inside, leaves
 from swarm_ctl.mission.checks import zone_checks
-from swarm_ctl.mission.input.document import Mistake, Place
-from swarm_ctl.mission.input.findings import Findings
+from swarm_ctl.mission.input.document import Findings, Mistake, Place
 from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.steps.table import kind_of, place_of
 

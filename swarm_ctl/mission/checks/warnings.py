@@ -24,8 +24,7 @@ from swarm_ctl.mission.checks import envelope
 from swarm_ctl.mission.fleet.build_fleet import fleet_of
 from swarm_ctl.mission.fleet.exposure import exposures
 from swarm_ctl.mission.geometry.shapes import slot_count
-from swarm_ctl.mission.input.document import Mistake, Place
-from swarm_ctl.mission.input.findings import ROUNDING, Findings
+from swarm_ctl.mission.input.document import ROUNDING, Findings, Mistake, Place
 from swarm_ctl.mission.input.units import said
 from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.steps.table import KINDS, kind_of, place_of

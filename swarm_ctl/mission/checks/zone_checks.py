@@ -12,8 +12,7 @@ from swarm_ctl.core.model.plan import Plan, PlannedStep, Point
 from swarm_ctl.core.safety.among_zones import AmongZones
 from swarm_ctl.core.safety.fence import area, crossing_edges
 from swarm_ctl.core.safety.surroundings import Surroundings
-from swarm_ctl.mission.input.document import Mistake, Place
-from swarm_ctl.mission.input.findings import Findings
+from swarm_ctl.mission.input.document import Findings, Mistake, Place
 from swarm_ctl.mission.input.units import metres
 from swarm_ctl.mission.mission_file import MissionFile
 from swarm_ctl.mission.sections.mission_sections import ZoneSection

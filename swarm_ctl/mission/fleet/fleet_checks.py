@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from swarm_ctl.mission.input.document import Mistake, Place
-from swarm_ctl.mission.input.findings import Findings, twice
+from swarm_ctl.mission.input.document import Findings, Mistake, Place, twice
 from swarm_ctl.mission.sections.fleet_section import FleetEntry, FleetSection
 
 

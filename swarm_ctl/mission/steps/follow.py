@@ -11,8 +11,7 @@ from swarm_ctl.core.model.autopilots import UpAndDown
 from swarm_ctl.core.model.plan import Plan, PlannedStep, Policy
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.follow import BELOW_TOP_M, LOWEST_M, FollowStep
-from swarm_ctl.mission.input.document import Mistake, Place
-from swarm_ctl.mission.input.findings import Findings
+from swarm_ctl.mission.input.document import Findings, Mistake, Place
 from swarm_ctl.mission.input.near_matches import did_you_mean
 from swarm_ctl.mission.sections.section import Action, Name, NorthEast
 from swarm_ctl.mission.steps.step_kind import Checks, Mission, StepKind, TimedSection

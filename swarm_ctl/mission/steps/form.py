@@ -15,8 +15,7 @@ from swarm_ctl.core.model.plan import Compensation, Plan, PlannedStep, Point
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.mission.geometry.shapes import slots_of, ups_of
-from swarm_ctl.mission.input.document import Mistake, Place
-from swarm_ctl.mission.input.findings import Findings, bad_links, named_parts
+from swarm_ctl.mission.input.document import Findings, Mistake, Place, bad_links, named_parts
 from swarm_ctl.mission.input.near_matches import did_you_mean
 from swarm_ctl.mission.input.units import said
 from swarm_ctl.mission.sections.section import Links, Name, Timeout

@@ -14,8 +14,7 @@ from swarm_ctl.core.model.plan import Plan, PlannedStep, Point, Zone
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.safety.among_zones import AmongZones
-from swarm_ctl.mission.input.document import Mistake, Place
-from swarm_ctl.mission.input.findings import Findings
+from swarm_ctl.mission.input.document import Findings, Mistake, Place
 from swarm_ctl.mission.sections.section import NorthEast
 from swarm_ctl.mission.steps.step_kind import Checks, Mission
 from swarm_ctl.mission.steps.travel import Pace, Travel, TravelSection, too_fast

@@ -10,8 +10,7 @@ from pydantic import Field
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.rotate import RotateStep
-from swarm_ctl.mission.input.document import Mistake, Place
-from swarm_ctl.mission.input.findings import Findings
+from swarm_ctl.mission.input.document import Findings, Mistake, Place
 from swarm_ctl.mission.steps.step_kind import Mission
 from swarm_ctl.mission.steps.travel import Pace, Travel, TravelSection
 

@@ -8,8 +8,7 @@ from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.plan import Plan, PlannedStep
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.scale import ScaleStep
-from swarm_ctl.mission.input.document import Mistake, Place
-from swarm_ctl.mission.input.findings import ROUNDING, Findings
+from swarm_ctl.mission.input.document import ROUNDING, Findings, Mistake, Place
 from swarm_ctl.mission.input.units import enough, said
 from swarm_ctl.mission.steps.step_kind import Mission
 from swarm_ctl.mission.steps.travel import Pace, Travel, TravelSection

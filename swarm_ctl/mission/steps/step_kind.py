@@ -11,8 +11,7 @@ from swarm_ctl.core.model.autopilots import UpAndDown
 from swarm_ctl.core.model.plan import Plan, PlannedStep, Point, Policy
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.step import Step
-from swarm_ctl.mission.input.document import Place
-from swarm_ctl.mission.input.findings import Findings
+from swarm_ctl.mission.input.document import Findings, Place
 from swarm_ctl.mission.sections.section import Action, Section
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ from swarm_ctl.core.model.autopilots import UpAndDown
 from swarm_ctl.core.model.plan import Plan, PlannedStep
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.takeoff import TakeoffStep
-from swarm_ctl.mission.input.document import Mistake, Place
-from swarm_ctl.mission.input.findings import Findings
+from swarm_ctl.mission.input.document import Findings, Mistake, Place
 from swarm_ctl.mission.sections.section import Timeout
 from swarm_ctl.mission.steps.step_kind import Mission, StepKind, TimedSection
 

@@ -11,8 +11,7 @@ from swarm_ctl.core.model.autopilots import UpAndDown
 from swarm_ctl.core.model.plan import PlannedStep, Policy, Response
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.steps.step import Path
-from swarm_ctl.mission.input.document import Mistake, Place
-from swarm_ctl.mission.input.findings import Findings, too_short
+from swarm_ctl.mission.input.document import Findings, Mistake, Place, too_short
 from swarm_ctl.mission.sections.section import Timeout
 from swarm_ctl.mission.steps.step_kind import Checks, Mission, StepKind, TimedSection
 

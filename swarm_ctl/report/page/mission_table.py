@@ -10,8 +10,8 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from swarm_ctl.core.kernel.coast import stop_distance
 from swarm_ctl.core.kernel.constraints import margins_of
+from swarm_ctl.core.kernel.response import stop_distance
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import closest_pair
 from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS

@@ -13,7 +13,6 @@ import numpy as np
 from swarm_ctl.core.control.target import Targets
 from swarm_ctl.core.law.formation import apart_in_height, centred, distances, errors
 from swarm_ctl.core.model.causes import FailsafeAction
-from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.geometry import centred as centred_slots
 from swarm_ctl.core.model.geometry import turned
 from swarm_ctl.core.model.messages import (
@@ -31,6 +30,7 @@ from swarm_ctl.core.model.messages import (
     TargetWord,
 )
 from swarm_ctl.core.model.plan import GroupPlan, Plan, Point, Policy
+from swarm_ctl.core.model.planned_formation import Frame
 from swarm_ctl.core.model.route import Routes
 from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.targets import TargetNow

@@ -25,7 +25,6 @@ import numpy as np
 
 from swarm_ctl.core.kernel import (
     boundary,
-    coast,
     constraints,
     decide,
     exchange,
@@ -33,7 +32,6 @@ from swarm_ctl.core.kernel import (
     program,
     queue,
     receiver,
-    release,
     response,
     walls,
     wish,
@@ -45,7 +43,7 @@ from swarm_ctl.study.batch.missions import Missions, Setup
 
 Fly = Callable[[Setup, Missions, int, int, int], None]
 _MODULES: Final[tuple[ModuleType, ...]] = (
-    *(boundary, coast, constraints, decide, exchange, law, program, release, response),
+    *(boundary, constraints, decide, exchange, law, program, response),
     *(queue, walls, wish, flight, receiver),
 )
 SOURCES: Final = (*_MODULES, missions, timeouts, arrays, plan)

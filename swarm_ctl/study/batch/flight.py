@@ -40,10 +40,18 @@ from swarm_ctl.core.kernel.law import NO_PAIR, Law, Pair, put, terms
 from swarm_ctl.core.kernel.program import NO_ROW, Row
 from swarm_ctl.core.kernel.queue import OUT, STAYS, along_way, next_on, point_on
 from swarm_ctl.core.kernel.receiver import NO_ONE, Known, Me
-from swarm_ctl.core.kernel.release import Release, noted, swirled, turned
 from swarm_ctl.core.kernel.response import Estimate, compared, steered, stop_point
 from swarm_ctl.core.kernel.walls import Edge, Wall, WallMargins, faced
-from swarm_ctl.core.kernel.wish import bent, limited, pull, shortened
+from swarm_ctl.core.kernel.wish import (
+    Release,
+    bent,
+    limited,
+    noted,
+    pull,
+    shortened,
+    swirled,
+    turned,
+)
 from swarm_ctl.core.model.arrays import Complex, Floats, Ints
 from swarm_ctl.core.model.timeouts import FAR_LATE_S, FRESH_S, NEIGHBOUR_S, PREDICT_S
 from swarm_ctl.study.batch.missions import BEFORE, DRAWN, LOOKS, NEVER, Missions, Setup

@@ -15,9 +15,9 @@ from swarm_ctl.core.control.in_file import GAP
 from swarm_ctl.core.kernel.boundary import KEPT_S, LOOK_S, Boundary, boundary_of
 from swarm_ctl.core.kernel.constraints import Margins, margins_of
 from swarm_ctl.core.kernel.exchange import EVERY_S, NO_PART, ranks
-from swarm_ctl.core.kernel.release import NO_RELEASE, SWIRL_OFF
 from swarm_ctl.core.kernel.response import ResponseModel, model_of, unknown
 from swarm_ctl.core.kernel.walls import NO_WALL_MARGINS, WallMargins, wall_margins_of
+from swarm_ctl.core.kernel.wish import NO_RELEASE, SWIRL_OFF
 from swarm_ctl.core.model.arrays import Bools, Complex, Floats, Ints, complex_of
 from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.plan import Compensation, LawParameters, Policies

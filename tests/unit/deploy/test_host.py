@@ -14,9 +14,8 @@ import pytest
 from swarm_ctl.core.model.fleet import Fleet
 from swarm_ctl.deploy import host as host_module
 from swarm_ctl.deploy import services as services_module
-from swarm_ctl.deploy.bundle import Bundle, bundles_of
+from swarm_ctl.deploy.bundle import Bundle, Service, bundles_of
 from swarm_ctl.deploy.host import Host
-from swarm_ctl.deploy.manifest import Service
 from swarm_ctl.deploy.report import ReportedState
 from swarm_ctl.deploy.services import Plain, Systemd, units_of
 from swarm_ctl.errors import InputError, StartError

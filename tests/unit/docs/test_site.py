@@ -121,7 +121,7 @@ def test_documents_named_in_capitals_exist() -> None:
 
 
 def test_the_code_names_modules_that_exist() -> None:
-    """`core/kernel/coast.py` and other paths in backticks, from any folder above or `tests/`."""
+    """`core/kernel/response.py` and other paths in backticks, from any folder above or `tests/`."""
     files = [file for top in ("swarm_ctl", "sim", "tests") for file in (ROOT / top).rglob("*.py")]
     wrong = [
         f"{identify(file)}: {path}"

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.messages import (
     AgentState,
     AgentStatus,
@@ -25,6 +24,7 @@ from swarm_ctl.core.model.messages import (
     RefusalReason,
     Tuning,
 )
+from swarm_ctl.core.model.planned_formation import Frame
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.gate import RECENT_S

@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.messages import (
     Ack,
     AgentState,
@@ -36,6 +35,7 @@ from swarm_ctl.core.model.messages import (
     TargetWord,
     Tuning,
 )
+from swarm_ctl.core.model.planned_formation import Frame
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.vehicle import OwnParameters, OwnValue, VehicleIdentity

@@ -21,7 +21,7 @@ from swarm_ctl.core.model.steps.scale import ScaleStep
 from swarm_ctl.core.model.steps.table import AnyStep
 from swarm_ctl.errors import MissionError
 from swarm_ctl.mission.compile.loader import dumps, load, loads
-from swarm_ctl.mission.geometry import letters
+from swarm_ctl.mission.geometry import shapes
 from swarm_ctl.mission.steps.table import KINDS
 from tests.unit.mission.example import TEXT, edited, in_metres, problems
 from tests.unit.plans import steps_of
@@ -140,7 +140,7 @@ def test_metres_and_units_are_the_same_mission() -> None:
 
 @given(st.text("ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789", min_size=1, max_size=4), st.integers(2, 40))
 def test_letters_have_as_many_slots_as_asked_for_apart(text: str, count: int) -> None:
-    slots = letters.slots(text, 10.0, count)
+    slots = shapes.letter_slots(text, 10.0, count)
     assert slots.shape == (count, 2)
     assert np.all(slots >= -1e-9)
     assert slots[:, 0].max() <= 10 + 1e-9

@@ -9,8 +9,7 @@ from mcap.writer import Writer
 
 from swarm_ctl import recording
 from swarm_ctl.errors import InputError
-from swarm_ctl.recording.mcap_index import IndexedRecording
-from swarm_ctl.recording.mcap_reader import recover
+from swarm_ctl.recording.mcap_reader import IndexedRecording, recover
 from swarm_ctl.recording.mcap_writer import NANO, McapWriter
 from swarm_ctl.recording.topics import BY_PAYLOAD, adapter
 from tests.unit.recording.test_recording import START_NS, flight

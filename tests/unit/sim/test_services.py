@@ -12,9 +12,14 @@ from hypothesis import strategies as st
 
 from swarm_sim.firmware.ardupilot_persona import ArdupilotPersona
 from swarm_sim.firmware.message import MavResult, MavSeverity
-from swarm_sim.firmware.parameters.ardupilot_parameters import ARDUPILOT_DEFAULTS
-from swarm_sim.firmware.parameters.parameter_set import BYTEWISE, CAST, SIM_DEFAULTS, ParamType
-from swarm_sim.firmware.parameters.px4_parameters import PX4_DEFAULTS
+from swarm_sim.firmware.parameters import (
+    ARDUPILOT_DEFAULTS,
+    BYTEWISE,
+    CAST,
+    PX4_DEFAULTS,
+    SIM_DEFAULTS,
+    ParamType,
+)
 from swarm_sim.firmware.protocol.telemetry import MESSAGES, readings
 from swarm_sim.firmware.px4_persona import Px4Persona
 from swarm_sim.firmware.streams import Streams

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final, Literal, NamedTuple
 
-from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.geometry import Point
+from swarm_ctl.core.model.planned_formation import Frame
 from swarm_ctl.core.model.policies import Policy
 from swarm_ctl.core.model.steps.step import Step
 from swarm_ctl.core.model.targets import TargetNow

@@ -7,9 +7,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from swarm_ctl.core.model.formation_frame import Frame, Motion
 from swarm_ctl.core.model.geometry import Point
-from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.planned_formation import Frame, Motion, PlannedFormation
 from swarm_ctl.core.model.policies import Policy
 from swarm_ctl.core.model.steps.step import Path, strayed
 

@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
-from swarm_ctl.core.model.formation_frame import STILL, Frame, Motion
-from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.planned_formation import STILL, Frame, Motion, PlannedFormation
 from swarm_ctl.core.model.policies import Policy
 from swarm_ctl.core.model.steps.step import Path, between, strayed
 

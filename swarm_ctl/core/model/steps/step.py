@@ -6,9 +6,8 @@ import math
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, Self
 
-from swarm_ctl.core.model.formation_frame import STILL, Frame, Motion
 from swarm_ctl.core.model.geometry import Point
-from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.planned_formation import STILL, Frame, Motion, PlannedFormation
 from swarm_ctl.core.model.policies import Policy
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ import pytest
 from swarm_ctl.core.agent.steering import KeepClear
 from swarm_ctl.core.agent.takeover import EVIDENCE_S, LEARN_S, Takeover
 from swarm_ctl.core.model.causes import FailsafeAction
-from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.core.model.messages import Phase
+from swarm_ctl.core.model.planned_formation import Frame
 from swarm_ctl.core.model.vehicle import GlobalFix
 from tests.unit.core.builders import (
     HEIGHT_M,

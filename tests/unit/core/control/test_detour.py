@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm_ctl.core.control.detour import Detour
-from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.plan import Zone
-from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.planned_formation import Frame, PlannedFormation
 from swarm_ctl.core.model.policies import Policy
 from swarm_ctl.core.model.steps.hold import HoldStep
 from swarm_ctl.core.model.steps.move import MoveStep

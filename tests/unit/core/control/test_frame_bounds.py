@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from swarm_ctl.core.control.reference import FrameBounds, Places
-from swarm_ctl.core.model.formation_frame import Frame
+from swarm_ctl.core.model.planned_formation import Frame
 from swarm_ctl.core.model.steps.hold import HoldStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.steps.rotate import RotateStep

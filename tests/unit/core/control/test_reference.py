@@ -11,8 +11,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from swarm_ctl.core.control.reference import rate_towards
-from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.geometry import turned
+from swarm_ctl.core.model.planned_formation import Frame
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.steps.rotate import RotateStep
 from swarm_ctl.core.model.steps.scale import ScaleStep

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from swarm_ctl.core.kernel import constraints
 from swarm_ctl.core.kernel.constraints import Margins, Other, cap, flies_with, margins_of, minded
 from swarm_ctl.core.kernel.program import PAIR, Row, relaxed
-from swarm_ctl.core.kernel.release import NO_RELEASE, noted, swirled, turned
+from swarm_ctl.core.kernel.wish import NO_RELEASE, noted, swirled, turned
 from swarm_ctl.core.model.plan import LawParameters, Response
 
 LAW, SPEED = LawParameters(), 1.0

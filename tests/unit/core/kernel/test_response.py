@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarm_ctl.core.kernel.coast import coast_of, coasted, pending
-from swarm_ctl.core.kernel.response import LATEST_S
+from swarm_ctl.core.kernel.response import LATEST_S, coast_of, coasted, pending
 from swarm_ctl.core.law.own_response import OwnResponse
 from swarm_ctl.core.model.plan import Response
 

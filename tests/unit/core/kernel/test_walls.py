@@ -9,11 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarm_ctl.core.kernel.coast import coasted
 from swarm_ctl.core.kernel.constraints import Other, cap, keep_out, margins_of
 from swarm_ctl.core.kernel.decide import NearWall, Own, decided
 from swarm_ctl.core.kernel.program import Row
-from swarm_ctl.core.kernel.response import model_of, steered, stop_point, unknown
+from swarm_ctl.core.kernel.response import coasted, model_of, steered, stop_point, unknown
 from swarm_ctl.core.kernel.walls import (
     ERROR_M,
     Edge,

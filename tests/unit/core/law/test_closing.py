@@ -8,7 +8,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.law.closing import dealt
+from swarm_ctl.core.law.formation import dealt
 from swarm_ctl.core.model.geometry import Point, centred
 
 POINTS = st.lists(

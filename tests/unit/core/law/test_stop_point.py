@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm_ctl.core.identification.fit import stop_point
-from swarm_ctl.core.kernel.coast import coast_of, pending, stop_distance
+from swarm_ctl.core.kernel.response import coast_of, pending, stop_distance
 from swarm_ctl.core.model.plan import Response
 
 DT = 0.05

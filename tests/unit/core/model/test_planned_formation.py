@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.geometry import mean_of
-from swarm_ctl.core.model.planned_formation import PlannedFormation
+from swarm_ctl.core.model.planned_formation import Frame, PlannedFormation
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.steps.rotate import RotateStep

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.messages import (
     AgentState,
     AgentStatus,
@@ -22,6 +21,7 @@ from swarm_ctl.core.model.messages import (
     SafetyReport,
     SigmaReport,
 )
+from swarm_ctl.core.model.planned_formation import Frame
 from swarm_ctl.core.swarm.in_plan import InPlan
 from swarm_ctl.core.swarm.snapshot import TRAFFIC
 from swarm_ctl.station.picture.alarms import alarms

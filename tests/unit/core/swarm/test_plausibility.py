@@ -14,7 +14,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.messages import (
     AgentState,
     Answers,
@@ -23,6 +22,7 @@ from swarm_ctl.core.model.messages import (
     CommandKind,
     Phase,
 )
+from swarm_ctl.core.model.planned_formation import Frame
 from swarm_ctl.core.swarm.peers import Peer, Peers
 from swarm_ctl.core.swarm.plausibility import (
     CREEP_M,

@@ -12,10 +12,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from swarm_ctl.engine.gcs.config import GcsAddress, RelayVehicle
-from swarm_ctl.engine.gcs.gcs_socket import GcsSocket
-from swarm_ctl.engine.gcs.relay import BURST, RATE_HZ, GcsRelay
-from swarm_ctl.engine.gcs.throttle import Throttle
-from swarm_ctl.engine.gcs.vehicle_port import VehiclePort
+from swarm_ctl.engine.gcs.gcs_process import BURST, RATE_HZ, GcsRelay, VehiclePort
+from swarm_ctl.engine.gcs.gcs_socket import GcsSocket, Throttle
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.wires import MemoryWire, memory_wires
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from swarm_ctl.engine.launch import waiting
-from swarm_ctl.engine.launch.waiting import Waiting
+from swarm_ctl.engine.launch import supervisor
+from swarm_ctl.engine.launch.supervisor import Waiting
 
 
 class Clock:
@@ -20,7 +20,7 @@ class Clock:
 def test_it_says_every_five_seconds_what_it_waits_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing for a short wait; what comes next is counted anew, and not said at once."""
     clock, said = Clock(), list[tuple[float, str]]()
-    monkeypatch.setattr(waiting, "wall", clock)
+    monkeypatch.setattr(supervisor, "wall", clock)
     told = Waiting(lambda text: said.append((clock.now_s - 100.0, text)))
     for k in range(200):
         clock.now_s = 100.0 + 0.1 * k

@@ -12,7 +12,7 @@ import pytest
 
 from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.engine.launch.ports import free_ports
-from swarm_ctl.engine.radio.agent_port import AgentPort, owners
+from swarm_ctl.engine.radio.link_process import AgentPort, owners
 from swarm_ctl.engine.radio.switch import RadioRoute, Switch
 from swarm_ctl.mavlink.wires import memory_wires
 from tests.unit.engine.radio.test_switch import drained, heartbeat, setpoint

@@ -10,9 +10,8 @@ from typing import Any
 
 from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.engine.launch.ports import free_ports
-from swarm_ctl.engine.radio.agent_port import AgentPort
-from swarm_ctl.engine.radio.lateness import LATE_S
-from swarm_ctl.engine.radio.switch import STALLED_S, RadioRoute, Switch
+from swarm_ctl.engine.radio.link_process import AgentPort
+from swarm_ctl.engine.radio.switch import LATE_S, STALLED_S, RadioRoute, Switch
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.wires import MemoryWire, memory_wires, open_wire
 

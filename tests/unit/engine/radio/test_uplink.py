@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.engine.radio.uplink import MOST_WAITING, SETPOINT_KEPT_S, Lane, Uplink
+from swarm_ctl.engine.radio.switch import MOST_WAITING, SETPOINT_KEPT_S, Lane, Uplink
 from swarm_ctl.mavlink import outgoing
 from swarm_ctl.mavlink.framer import Framer, MavlinkFrame
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from swarm_ctl.engine.station.control_pipe import ControlPipe
+from swarm_ctl.engine.station.station_loop import ControlPipe
 
 
 def test_messages_in_pieces() -> None:

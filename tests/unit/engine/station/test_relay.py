@@ -19,12 +19,11 @@ from swarm_ctl.core.model.messages import Event, Severity
 from swarm_ctl.engine.clock import Clock
 from swarm_ctl.engine.lockstep.seat import Seat
 from swarm_ctl.engine.station.attachments import Attachments
-from swarm_ctl.engine.station.control_pipe import ControlPipe
 from swarm_ctl.engine.station.ground_station import Station
 from swarm_ctl.engine.station.printers import write as write_lines
 from swarm_ctl.engine.station.recorders import run_mcap
 from swarm_ctl.engine.station.screens import Screen, Show, present
-from swarm_ctl.engine.station.station_loop import RunControl, loop
+from swarm_ctl.engine.station.station_loop import ControlPipe, RunControl, loop
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
@@ -39,7 +38,7 @@ ROOM = 4096
 @pytest.fixture
 def pipe(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[int, int]]:
     """A pipe with little room, and little patience at the end."""
-    monkeypatch.setattr("swarm_ctl.engine.station.relay._END_WALL_S", 0.3)
+    monkeypatch.setattr("swarm_ctl.engine.station.screens._END_WALL_S", 0.3)
     read, write = os.pipe()
     fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, ROOM)
     yield read, write
@@ -79,7 +78,7 @@ def test_an_output_that_is_not_read(show: Show, pipe: tuple[int, int]) -> None:
 def test_a_terminal_that_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-S: the log stands still, the station does not; it says what was skipped when it goes
     on."""
-    monkeypatch.setattr("swarm_ctl.engine.station.relay._END_WALL_S", 0.3)
+    monkeypatch.setattr("swarm_ctl.engine.station.screens._END_WALL_S", 0.3)
     ours, theirs = os.openpty()
     termios.tcsetwinsize(theirs, (24, 80))
     slowest, got = 0.0, b""

@@ -21,11 +21,10 @@ from swarm_ctl.engine.clock import Clock
 from swarm_ctl.engine.lockstep.seat import Seat
 from swarm_ctl.engine.station import attachments, screens
 from swarm_ctl.engine.station.attachments import Attachments
-from swarm_ctl.engine.station.control_pipe import ControlPipe
 from swarm_ctl.engine.station.ground_station import Station
 from swarm_ctl.engine.station.recorders import run_mcap
 from swarm_ctl.engine.station.screens import DashboardScreen, Screen, Show, present
-from swarm_ctl.engine.station.station_loop import RunControl, loop
+from swarm_ctl.engine.station.station_loop import ControlPipe, RunControl, loop
 from swarm_ctl.extension import Extension
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
@@ -47,7 +46,7 @@ PARTS = {
     "fold": "swarm_ctl.station.picture.model.Model.fold",
     "view": "swarm_ctl.station.picture.model.Model.view",
     "lines": "swarm_ctl.engine.station.printers.log_lines",
-    "screen": "swarm_ctl.engine.station.relay.StationRelay.show",
+    "screen": "swarm_ctl.engine.station.screens.StationRelay.show",
     "record": "swarm_ctl.recording.run_recorder.RunRecorder.take",
     "troubles": "swarm_ctl.recording.run_recorder.RunRecorder.note",
     "encode": "swarm_ctl.recording.mcap_recorder.Recorder._record",

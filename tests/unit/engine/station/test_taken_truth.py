@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.engine.station.taken_truth import take_truth
+from swarm_ctl.engine.station.judged_flight import take_truth
 from swarm_ctl.errors import InputError
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.runfolder.manifest import read_manifest

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.engine.target.track import RecordedTrack
+from swarm_ctl.engine.target.teller import RecordedTrack
 from swarm_ctl.errors import InputError
 
 CSV = "Time, Lat, Lon, Alt\n10, 47.0, 8.0, 400\n20, 47.001, 8.0, 410\n40, 47.001, 8.002, 410\n"

@@ -12,7 +12,7 @@ from swarm_ctl.engine.launch.sim_config import simulator_config
 from swarm_ctl.mission.compile.loader import dumps, load, loads
 from swarm_ctl.mission.sections.simulation_section import NEUTRAL
 from swarm_sim.config import SimConfig
-from swarm_sim.firmware.parameters.parameter_set import SIM_DEFAULTS
+from swarm_sim.firmware.parameters import SIM_DEFAULTS
 from tests.unit.mission.example import TEXT, problems
 
 PLACES = Path(__file__).parents[4]

@@ -12,8 +12,8 @@ from typing import Any
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from swarm_ctl.core.model.formation_frame import Frame
 from swarm_ctl.core.model.messages import ExchangeState, Payload
+from swarm_ctl.core.model.planned_formation import Frame
 from swarm_ctl.errors import PayloadError
 from swarm_ctl.mesh.payloads import decode, encode
 from swarm_ctl.recording.mcap_recorder import McapRecorder

@@ -12,7 +12,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from swarm_sim.config import SimConfig
-from swarm_sim.firmware.parameters.parameter_set import SIM_DEFAULTS
+from swarm_sim.firmware.parameters import SIM_DEFAULTS
 from swarm_sim.world.faults import TICK_S
 from tests.scenarios.swarm import flown_once
 from tests.unit.sim.harness import ARM, GUIDED, LAND, SET_MODE, Flight, config, setpoint_fields
