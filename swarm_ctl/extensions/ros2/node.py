@@ -113,6 +113,8 @@ class Ros2Node:
         config = configuration(environment, identity)
         self.guarded: Final = identity is not None
         """Only members of the swarm's roster hear it, and only operators call its services."""
+        self.where: Final = ", ".join(_endpoints(config, "connect/endpoints")) or "any endpoint"
+        """At which it looks for a router."""
         self.leaves_host: Final = any(map(leaves_loopback, _endpoints(config)))
         """Its router, or who connects to it, may be on another computer."""
         if identity is not None:
@@ -137,6 +139,11 @@ class Ros2Node:
             self._others.pop(token, None)
         elif token != self._name.token():
             self._others[token] = token.rpartition("/")[2]
+
+    def linked(self) -> bool:
+        """It has a link to a router, or to another node."""
+        info = self._session.info
+        return any((*info.routers_zid(), *info.peers_zid()))
 
     def others(self) -> frozenset[str]:
         """The names of the other nodes in the root namespace that are there now."""
@@ -232,10 +239,13 @@ def configuration(environment: Mapping[str, str], identity: Identity | None = No
     return config
 
 
-def _endpoints(config: zenoh.Config) -> list[str]:
-    """To which a session connects, and at which it listens."""
+_ENDS: Final = ("connect/endpoints", "listen/endpoints")
+
+
+def _endpoints(config: zenoh.Config, *which: str) -> list[str]:
+    """To which a session connects, and at which it listens; or `which` of them."""
     found: list[str] = []
-    for key in ("connect/endpoints", "listen/endpoints"):
+    for key in which or _ENDS:
         told = json.loads(config.get_json(key))
         for each in told.values() if isinstance(told, dict) else [told]:
             found += each or []

@@ -49,6 +49,8 @@ _OF_ALL: Final = (*_OF_SOME, CommandKind.NEXT)
 """No `kill` and no `expel`: an operator confirms them, and a service asks no one."""
 _DIAGNOSTICS_WALL_S: Final = 1.0
 """The usual rate of `/diagnostics`."""
+_ALONE_WALL_S: Final = 3.0
+"""For a router to answer, before it is said that none does."""
 _LIFETIME_WALL_S: Final = 2.0
 """Of a marker; a station looks at least every half second."""
 _OWN_TOPICS: Final = ("pose", "odom", "fix")
@@ -101,6 +103,7 @@ class Ros2(Extension):
         self._accuracy_m: dict[int, float | None] = {}
         self._clock_s = -math.inf
         self._due_wall_s = 0.0
+        self._alone_wall_s = wall.wall_s() + _ALONE_WALL_S
         self._why_not = _NO_PICTURE
         """Why no orders are taken; '' where they are."""
         self._own = station.agent
@@ -143,6 +146,13 @@ class Ros2(Extension):
         """`close` ends the node."""
 
     def take(self, view: SwarmView) -> None:
+        if wall.wall_s() >= self._alone_wall_s:
+            self._alone_wall_s = math.inf
+            if not self._node.linked():
+                self._station.tell(
+                    f"ROS 2 hears nothing yet: no router answers at {self._node.where}"
+                    " (ros2 run rmw_zenoh_cpp rmw_zenohd)"
+                )
         before, self._why_not = self._why_not, self._why_no_orders(view.protection)
         if self._orders and self._why_not not in ("", before):
             self._station.tell(f"no orders from ROS 2: {self._why_not}")

@@ -434,12 +434,12 @@
   function curves() {
     const { pen, width, height } = fitted(part("curves"));
     const x = (t) => (t - first) / (last - first) * width;
-    const half = height / 2, head = 20, foot = 5;
+    const half = height / 2, head = 26, foot = 5;
     const strip = (name, top, share, levels, values, bounds = []) => {
       const y = (value) => top + head + (half - head - foot) * (1 - clamp(share(value), 0, 1));
       for (const value of levels) {
         path(pen, [[0, y(value)], [width, y(value)]], ink.grid, 1);
-        words(pen, `${value}`, 4, y(value) + (y(value) < top + 28 ? 11 : -2), ink.axis);
+        words(pen, `${value}`, 4, y(value) - 2, ink.axis);
       }
       for (const value of bounds) path(pen, [[0, y(value)], [width, y(value)]], ink.hit, 1, [4, 3]);
       for (const run of runs) {

@@ -124,6 +124,7 @@ def test_the_graph_sees_topics_and_services_come_and_go(router: int, sdk: Any) -
 def test_a_node_sees_others_come_and_go_and_ends_single_topics(router: int, sdk: Any) -> None:
     made, other = (Ros2Node(DOMAIN, name, None, at(router)) for name in ("a", "b"))
     until(lambda: made.others() == {"b"} and other.others() == {"a"})
+    assert made.linked()
     there = {"domain_id": DOMAIN, "router_port": router}
     for number, topic in enumerate(("/clock", "/clock_of_b"), 1):
         other.publish(topic, clock(number))
@@ -131,6 +132,14 @@ def test_a_node_sees_others_come_and_go_and_ends_single_topics(router: int, sdk:
     until(lambda: [name for name, _ in sdk.get_topic_names_and_types(**there)] == ["/clock_of_b"])
     other.close()
     until(lambda: not made.others())
+    made.close()
+
+
+def test_a_node_without_a_router_has_no_link() -> None:
+    (port,) = free_ports(1, socket.SOCK_STREAM)
+    made = Ros2Node(DOMAIN, "swarm_ctl", None, at(port))
+    assert made.where == f"tcp/127.0.0.1:{port}"
+    assert not made.linked()
     made.close()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -47,6 +48,7 @@ class Graph:
     """Stands for ROS 2."""
 
     guarded = leaves_host = False
+    where, there_is_a_router = "tcp/localhost:7447", True
 
     def __init__(self, domain: int, name: str, identity: Identity | None) -> None:
         self.domain, self.name, self.identity = domain, name, identity
@@ -64,6 +66,9 @@ class Graph:
 
     def retract(self, topic: str) -> None:
         self.retracted.add(topic)
+
+    def linked(self) -> bool:
+        return self.there_is_a_router
 
     def others(self) -> frozenset[str]:
         return frozenset(self.there)
@@ -144,6 +149,20 @@ def test_a_picture_is_told_with_fixes_and_now_and_then_diagnoses(flight: Flight)
     assert flight.graph.topics() == fixes | {"/swarm/markers": 1, "/diagnostics": 1}
     flight.swarm.take(PICTURES["well"]())
     assert flight.graph.topics() == fixes | {"/swarm/markers": 1}
+
+
+def test_that_no_router_answers_is_said_once(
+    flight: Flight, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flight.graph.there_is_a_router = False
+    flight.swarm.take(PICTURES["well"]())
+    assert not flight.desk.told
+    later = time.monotonic() + 4.0
+    monkeypatch.setattr("swarm_ctl.engine.clock.wall_s", lambda: later)
+    for _ in range(2):
+        flight.swarm.take(PICTURES["well"]())
+    (words,) = flight.desk.told
+    assert words.startswith("ROS 2 hears nothing yet: no router answers at tcp/localhost:7447")
 
 
 def test_no_fix_is_told_of_a_drone_that_is_silent(flight: Flight) -> None:
