@@ -1,4 +1,5 @@
-"""Missions, fences and rally points: up, down, cleared; and the mission flown by both personas."""
+"""Missions, fences and rally points: up, down, cleared; and the mission flown by both personas.
+What two stations may do to each other's transfers: `tests/protocol/services.py`."""
 
 from __future__ import annotations
 
@@ -162,77 +163,7 @@ def test_an_item_that_does_not_come_is_asked_for_again_then_the_upload_forgotten
     assert len(download(rig)) == 5, "the old list stays"
 
 
-@BOTH
-def test_the_wrong_item_is_not_taken_and_strangers_neither(persona: Persona) -> None:
-    rig = ready(persona)
-    rig.tell("MISSION_COUNT", **TO, count=2, mission_type=0)
-    rig.tell("MISSION_ITEM_INT", **TO, **HOME, seq=1, mission_type=0)
-    rig.tell("MISSION_ITEM_INT", (42, 1), **TO, **HOME, seq=0, mission_type=0)
-    rig.tell("MISSION_ITEM_INT", **TO, **HOME, seq=0, mission_type=1)
-    answers = {ArdupilotPersona: [13, 14, 1], Px4Persona: [1]}[persona]
-    assert [m["type"] for m in rig.heard("MISSION_ACK")] == answers
-    rig.said.clear()
-    for seq in (0, 0, 1):
-        rig.tell("MISSION_ITEM_INT", **TO, **HOME, seq=seq, mission_type=0)
-    answers = {ArdupilotPersona: [13, 0], Px4Persona: [0]}[persona]
-    assert [m["type"] for m in rig.heard("MISSION_ACK")] == answers
-    assert len(download(rig)) == 2
-
-
-def beside(persona: Persona, other: str, **fields: Any) -> list[int]:
-    """What a second station hears that speaks while the first has sent one item of three."""
-    rig = ready(persona)
-    rig.tell("MISSION_COUNT", **TO, count=3, mission_type=0)
-    rig.tell("MISSION_ITEM_INT", **TO, **HOME, seq=0, mission_type=0)
-    rig.said.clear()
-    rig.tell(other, (254, 190), **TO, **fields, mission_type=0)
-    heard = [m.fields["type"] for m in rig.said if m.fields.get("target_system") == 254]
-    for seq in (1, 2):
-        rig.tell("MISSION_ITEM_INT", **TO, **HOME, seq=seq, mission_type=0)
-    assert [m["type"] for m in rig.heard("MISSION_ACK")][-1] == 0, "the first one's goes on"
-    assert len(download(rig)) == 3
-    return heard
-
-
-def test_a_second_station_takes_no_upload_over_and_does_not_read_a_half_list() -> None:
-    for name, fields in (
-        ("MISSION_COUNT", {"count": 2}),
-        ("MISSION_REQUEST_LIST", {}),
-        ("MISSION_REQUEST_INT", {"seq": 0}),
-        ("MISSION_ITEM_INT", {**HOME, "seq": 1}),
-        ("MISSION_WRITE_PARTIAL_LIST", {"start_index": 0, "end_index": 0}),
-    ):
-        assert beside(ArdupilotPersona, name, **fields) == [MissionResult.DENIED]
-    denied = [MissionResult.DENIED, MissionResult.ERROR]
-    assert beside(ArdupilotPersona, "MISSION_CLEAR_ALL") == denied
-    assert beside(Px4Persona, "MISSION_COUNT", count=2) == [MissionResult.ERROR]
-    for name in ("MISSION_REQUEST_LIST", "MISSION_CLEAR_ALL"):
-        assert beside(Px4Persona, name) == []
-
-
-@BOTH
-def test_the_last_item_again_after_a_lost_acknowledgement(persona: Persona) -> None:
-    rig = ready(persona)
-    upload(rig, [HOME, *ROUND])
-    rig.said.clear()
-    rig.tell("MISSION_ITEM_INT", **TO, **ROUND[-1], seq=4, mission_type=0)
-    answer = {ArdupilotPersona: MissionResult.ERROR, Px4Persona: MissionResult.ACCEPTED}[persona]
-    assert [m["type"] for m in rig.heard("MISSION_ACK")] == [answer]
-    assert len(download(rig)) == 5
-
-
-@BOTH
-def test_a_cancelled_upload_ends_at_px4_and_is_asked_for_by_arducopter(persona: Persona) -> None:
-    rig = ready(persona)
-    rig.tell("MISSION_COUNT", **TO, count=3, mission_type=0)
-    rig.tell("MISSION_ACK", **TO, type=MissionResult.CANCELLED, mission_type=0)
-    rig.said.clear()
-    rig.run(3.0)
-    asked = bool(rig.heard("MISSION_REQUEST"))
-    assert asked is (persona is ArdupilotPersona)
-
-
-def test_a_part_of_a_list_is_replaced_by_arducopter_alone() -> None:
+def test_a_part_of_a_list_is_replaced_by_arducopter() -> None:
     rig = ready(ArdupilotPersona)
     upload(rig, [HOME, *ROUND])
     before = download(rig)
@@ -245,36 +176,6 @@ def test_a_part_of_a_list_is_replaced_by_arducopter_alone() -> None:
     assert [m["type"] for m in rig.heard("MISSION_ACK")] == [0]
     after = download(rig)
     assert [a == b for a, b in zip(after, before, strict=True)] == [True, True, False, False, True]
-    for first, last in ((4, 5), (3, 2), (-1, 0)):
-        rig.said.clear()
-        rig.tell(
-            "MISSION_WRITE_PARTIAL_LIST", **TO, start_index=first, end_index=last, mission_type=0
-        )
-        assert [m["type"] for m in rig.heard("MISSION_ACK")] == [MissionResult.ERROR]
-    rig = ready(Px4Persona)
-    rig.tell("MISSION_WRITE_PARTIAL_LIST", **TO, start_index=0, end_index=0, mission_type=0)
-    assert not rig.heard("MISSION_ACK")
-
-
-def test_a_px4_ends_a_download_at_a_wrong_number() -> None:
-    rig = ready(Px4Persona)
-    upload(rig, ROUND)
-    rig.tell("MISSION_REQUEST_LIST", **TO, mission_type=0)
-    rig.tell("MISSION_REQUEST_INT", **TO, seq=0, mission_type=0)
-    rig.tell("MISSION_REQUEST_INT", **TO, seq=0, mission_type=0)
-    assert len(rig.heard("MISSION_ITEM_INT")) == 2
-    rig.said.clear()
-    rig.tell("MISSION_REQUEST_INT", **TO, seq=3, mission_type=0)
-    assert [m["type"] for m in rig.heard("MISSION_ACK")] == [MissionResult.ERROR]
-    rig.said.clear()
-    rig.tell("MISSION_REQUEST_INT", **TO, seq=1, mission_type=0)
-    assert not rig.said
-
-
-def test_items_31_and_94_are_arducopter_s_own_tests_missions() -> None:
-    for command in (31, 94):
-        assert upload(ready(ArdupilotPersona), [HOME, item(command, 5.0, 5.0, 5.0)]) == [0]
-    assert upload(ready(Px4Persona), [item(94, 5.0, 5.0, 5.0)]) == [MissionResult.UNSUPPORTED]
 
 
 @BOTH

@@ -341,14 +341,6 @@ def test_time_sync_mirrors_the_question(persona: Persona) -> None:
 
 
 @BOTH
-def test_an_empty_mission_list_is_answered_at_once(persona: Persona) -> None:
-    rig = quiet(persona)
-    rig.tell("MISSION_REQUEST_LIST", target_system=1, target_component=1, mission_type=2)
-    (count,) = rig.heard("MISSION_COUNT")
-    assert (count["count"], count["mission_type"], count["target_system"]) == (0, 2, 255)
-
-
-@BOTH
 def test_reboot_falls_silent_then_starts_afresh_with_its_parameters(persona: Persona) -> None:
     rig = quiet(persona)
     rig.firmware.parameters.set(
