@@ -13,6 +13,7 @@ from swarm_ctl.core.law.formation import formation_error
 from swarm_ctl.core.model.messages import Outcome, Phase
 from swarm_ctl.core.model.steps.goto import GotoStep
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
+from tests.on_demand import on_demand
 from tests.scenarios.swarm import VirtualSwarm, at_step, flown_once, landing_fast
 
 TEXT = """\
@@ -229,7 +230,7 @@ def ring_error_m(swarm: VirtualSwarm, ids: tuple[int, ...]) -> float:
     return max(*even, *(abs(abs(z - centre) - radius_m) for z in at))
 
 
-@pytest.mark.parametrize("how", ["sent away", "landed"])
+@pytest.mark.parametrize("how", ["sent away", on_demand("landed")])
 def test_a_quarter_leaves_and_the_ring_stands_again_within_15_s(how: str) -> None:
     """Two of eight are sent away, or landed: six form the smaller ring; where they come back, it is
     of eight again within 15 s of being near, and nobody comes under r_in."""
@@ -263,7 +264,7 @@ def moving() -> LoadedMission:
     return loads(f"{head}  - move: {{along: [[40, 5], [80, 5]], speed_mps: 2}}\n  - land\n")
 
 
-@pytest.mark.parametrize("agent", [1, 4])
+@pytest.mark.parametrize("agent", [1, on_demand(4)])
 def test_one_comes_back_to_the_others_where_they_are_in_their_move(agent: int) -> None:
     """Also the lowest id, by whose frame all fly: it takes the others' place and leg, and leads
     none of them back to where it left them."""

@@ -4,21 +4,38 @@ late news as late."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import pytest
 
 from swarm_ctl.core.model.timeouts import FRESH_S
 from swarm_ctl.core.swarm.peers import Peer
 from swarm_ctl.mesh import keys
-from swarm_ctl.mesh.impaired import Impairment
+from swarm_ctl.mesh.impaired import ImpairedTransport, Impairment
 from swarm_ctl.mesh.memory_transport import MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.transport import Inlet, Transport
-from tests.scenarios.faults import FORM, GOOD, Faulty, Row, ahead, apart, mission
-from tests.scenarios.swarm import VirtualSwarm
+from tests.scenarios.swap import FORM, IDS, ahead, mission
+from tests.scenarios.swarm import VirtualSwarm, landing_fast
+from tests.scenarios.test_steps import assert_good
 
 CLOCKS = {1: ahead(3600.0, 1e-4), 2: ahead(-0.3), 3: ahead(5.0, -1e-4), 4: ahead(0.2)}
+
+
+Clocks = dict[int, Callable[[float], float]]
+
+
+def impaired(clocks: Clocks) -> tuple[VirtualSwarm, dict[int, ImpairedTransport]]:
+    """A swarm, and how each of its agents hears the others."""
+    transports, swarms = dict[int, ImpairedTransport](), list[VirtualSwarm]()
+
+    def wrap(inner: Transport, agent: int) -> Transport:
+        names: list[int | str] = [*IDS, "station"]
+        now = lambda: swarms[0].now  # noqa: E731
+        transports[agent] = ImpairedTransport(inner, names, Impairment(), now, agent)
+        return transports[agent]
+
+    swarms.append(VirtualSwarm(mission(rate_hz=10), mesh=wrap, clocks=clocks))
+    return landing_fast(swarms[0]), transports
 
 
 def peer(swarm: VirtualSwarm, agent: int, other: int) -> Peer:
@@ -29,14 +46,13 @@ def peer(swarm: VirtualSwarm, agent: int, other: int) -> Peer:
 def test_they_fly_as_with_one_clock() -> None:
     """To the same places in the same time; and each link's report tells the offset, to half the
     round trip."""
-    row = Row("clocks", GOOD, rate_hz=10)
-    one, own = (Faulty(replace(row, clocks=clocks), 1) for clocks in ({}, CLOCKS))
-    for flight in (one, own):
-        flight.fly()
-        assert [found for check in GOOD if (found := check(flight))] == []
-    assert own.swarm.now == pytest.approx(one.swarm.now, abs=1.0)
-    assert own.swarm.closest_m == pytest.approx(one.swarm.closest_m, abs=0.3)
-    for i, member in own.swarm.members.items():
+    one, own = (landing_fast(VirtualSwarm(mission(rate_hz=10), clocks=c)) for c in ({}, CLOCKS))
+    for swarm in (one, own):
+        swarm.fly()
+        assert_good(swarm)
+    assert own.now == pytest.approx(one.now, abs=1.0)
+    assert own.closest_m == pytest.approx(one.closest_m, abs=0.3)
+    for i, member in own.members.items():
         assert member.status is not None
         told_s = member.status.time_s
         for j, link in member.status.links.items():
@@ -71,16 +87,14 @@ def test_a_start_takes_no_longer() -> None:
     ],
     ids=["one clock", "own clocks"],
 )
-def test_no_agent_flies_with_one_that_hears_no_peer(
-    clocks: dict[int, Callable[[float], float]], why: str
-) -> None:
+def test_no_agent_flies_with_one_that_hears_no_peer(clocks: Clocks, why: str) -> None:
     """Agent 4 is heard, and says that it is not ready, or does not say how old its states are."""
-    faulty = Faulty(Row("deaf", (), clocks=clocks, rate_hz=10), 1)
-    faulty.transports[4].silent |= {"1", "2", "3"}
-    faulty.swarm.run(8.0)
-    reasons = [m.status.reason for m in faulty.swarm.members.values() if m.status]
+    swarm, transports = impaired(clocks)
+    transports[4].silent |= {"1", "2", "3"}
+    swarm.run(8.0)
+    reasons = [m.status.reason for m in swarm.members.values() if m.status]
     assert reasons == [why] * 3 + ["agents 1-3 not heard"]
-    assert {goal for m in faulty.swarm.members.values() for goal in m.goals} == {"StandbyGoal"}
+    assert {goal for m in swarm.members.values() for goal in m.goals} == {"StandbyGoal"}
 
 
 def test_agents_of_one_clock_say_no_clock_words() -> None:
@@ -107,9 +121,8 @@ def test_news_that_is_late_one_way_is_seen_as_late() -> None:
     """Agent 4 hears all peers 0.4 s late and is heard at once: it knows that the news may be so
     old, whatever the clocks, and no agent comes too near.
     """
-    faulty = Faulty(Row("one hears late", (), clocks=CLOCKS, rate_hz=10), 1)
-    faulty.transports[4].impairment = Impairment(delay_s=0.4)
-    swarm = faulty.swarm
+    swarm, transports = impaired(CLOCKS)
+    transports[4].impairment = Impairment(delay_s=0.4)
     swarm.wait(lambda s: s.in_step(FORM), 60)
     youngest, ages = 1.0, []
     for _ in range(150):
@@ -122,7 +135,7 @@ def test_news_that_is_late_one_way_is_seen_as_late() -> None:
     assert youngest >= 0.4 - 1e-3
     assert min(ages) >= 0.2 - 1e-2
     assert max(ages) <= FRESH_S
-    assert apart(faulty) == ""
+    assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
 
 
 class Polled:

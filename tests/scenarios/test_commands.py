@@ -97,19 +97,6 @@ def test_next_ends_the_step_once(holding: VirtualSwarm) -> None:
     assert_good(holding)
 
 
-@pytest.mark.long  # the mission's own step does in test_steps.py
-def test_return_brings_all_home(holding: VirtualSwarm) -> None:
-    """As the mission's own step does, and the run counts as aborted."""
-    give(holding, "move", step=move_to(50, 30))
-    holding.run(40)
-    assert accepted(give(holding, "return"))
-    holding.fly(900)
-    assert set(holding.outcomes().values()) == {"aborted"}
-    assert all(math.dist(holding.positions()[a.id], a.start) < 1.5 for a in holding.plan.agents)
-    assert holding.closest_m > holding.plan.law.r_in
-    assert holding.all_down
-
-
 def test_land_outweighs_return(holding: VirtualSwarm) -> None:
     """On the way back, the operator can still make them land where they are."""
     give(holding, "return")
@@ -123,71 +110,13 @@ def test_land_outweighs_return(holding: VirtualSwarm) -> None:
 
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
 def test_kill_stops_the_motors_at_once(autopilot: str) -> None:
-    """In the air, within a second; the others go on without it."""
+    """In the air, within a second; `test_orders.py` has that the others go on."""
     entries = ", ".join(f"{{id: {i}, autopilot: {autopilot}}}" for i in (1, 2, 3, 4))
     mission = quartet("hold: {duration_s: 5}", "land", head=f"fleet: {{agents: [{entries}]}}\n")
     swarm = at_step(mission, THIRD)
     swarm.command("kill", agents=(3,))
     swarm.run(1.0)
     assert swarm.hub.world.armed() == [True, True, False, True]
-    swarm.fly(900)
-    assert swarm.outcomes()[3] == "aborted"
-    assert {swarm.outcomes()[i] for i in (1, 2, 4)} == {"completed"}
-    assert swarm.all_down
-
-
-@pytest.mark.parametrize("kind", ["hold", "resume", "next", "form", "move", "return"])
-def test_on_the_ground_commands_are_refused(kind: str) -> None:
-    """With a reason; `land` and `kill` are always obeyed."""
-    swarm = VirtualSwarm(quartet("land"))
-    swarm.run(1)
-    step = {"form": ROW, "move": move_to(1, 1)}.get(kind)
-    answers = give(swarm, kind, step=step)
-    assert len(answers) == 4
-    assert all(not ok and reason for _, ok, reason in answers)
-
-
-@pytest.mark.parametrize(
-    ("kind", "more", "reason"),
-    [
-        ("resume", {}, "not held"),
-        ("form", {}, "no shape"),
-        ("form", {"step": ROW, "agents": (1,)}, "whole group; give it to all agents"),
-        ("form", {"step": FormStep("x", ROW.slots[:3], 0.5, 2, 9)}, "3 slots for 4 agents"),
-        (
-            "form",
-            {"step": FormStep("x", ((0.0, 0.0),) * 4, 0.5, 2, 9)},
-            "apart; allowed: more than r_out",
-        ),
-        ("form", {"step": ROW, "plan_hash": 1}, "made for the plan"),
-        ("move", {}, "no point"),
-        ("move", {"step": move_to(2000, 0)}, "outside the geofence"),
-        ("move", {"step": move_to(10, 0, 50)}, "50 m/s; allowed"),
-        ("move", {"step": move_to(10, 0), "agents": (2,)}, "as a whole"),
-    ],
-)
-def test_what_cannot_be_is_refused(
-    holding: VirtualSwarm, kind: str, more: dict[str, Any], reason: str
-) -> None:
-    """With the reason, and nothing happens."""
-    answers = give(holding, kind, **more)
-    meant = [answer for answer in answers if "not meant" not in answer[2]]
-    assert meant
-    assert all(not ok and reason in why for _, ok, why in meant)
-    assert all(m.agent._command_handler.override is None for m in holding.members.values())
-
-
-def test_the_newest_command_counts(holding: VirtualSwarm) -> None:
-    """An older command that arrives later is refused, so the order of arrival does not matter."""
-    late = holding.now
-    holding.run(1)
-    assert accepted(give(holding, "hold"))
-    before, holding.now = holding.now, late
-    holding.command("resume", name="late")
-    holding.now = before
-    holding.acks.clear()
-    holding.run(0.2)
-    assert [ack.reason for ack in holding.acks] == ["a newer command is in force"] * 4
 
 
 def test_one_agent_held_makes_the_others_wait(holding: VirtualSwarm) -> None:
@@ -244,16 +173,6 @@ def test_a_mission_goes_on_without_an_agent_held_for_long_and_takes_it_in_again(
 def status_step(swarm: VirtualSwarm, agent: int) -> int:
     status = swarm.members[agent].status
     return -1 if status is None else status.step
-
-
-def test_no_step_begins_under_a_hold_that_comes_in_the_same_tick() -> None:
-    """`next`, then `hold` before the next tick: all accept both, and nobody begins the landing."""
-    swarm = at_step(quartet("hold: {duration_s: 60}", "land"), THIRD)
-    swarm.command("next", name="next-then")
-    swarm.command("hold", name="hold-then")
-    swarm.run(5.0)
-    assert swarm.phases() == {Phase.FLY}
-    assert swarm.in_step(THIRD)
 
 
 FAR: dict[str, dict[str, Any]] = {

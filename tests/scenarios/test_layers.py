@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import pytest
 
 from swarm_ctl.mesh import keys
-from swarm_ctl.mission.compile.loader import LoadedMission, loads
+from swarm_ctl.mission.compile.loader import loads
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from tests.on_demand import on_demand
-from tests.scenarios.swarm import at_half_rate, deaf, landing_fast, ready
+from tests.scenarios.swarm import deaf, flown_once, landing_fast, ready
 
 HEAD = """\
 version: 1
@@ -61,14 +61,16 @@ class Judged:
     """The least difference of heights of two in the air that were under r_in horizontally."""
 
 
+def begun(text: str, seed: int = 1) -> VirtualSwarm:
+    """On the ground."""
+    return landing_fast(VirtualSwarm(loads(text), seed))
+
+
 def flown(
-    mission: LoadedMission,
-    seed: int = 1,
-    until: Callable[[VirtualSwarm], bool] | None = None,
-    swarm: VirtualSwarm | None = None,
+    swarm: VirtualSwarm, until: Callable[[VirtualSwarm], bool] | None = None
 ) -> tuple[VirtualSwarm, Judged]:
     """The swarm at its end, or `until` then."""
-    swarm, found, plan = swarm or landing_fast(VirtualSwarm(mission, seed)), Judged(), mission.plan
+    found, plan = Judged(), swarm.plan
     r_in_m = plan.law.r_in * plan.unit_m
     while swarm.now < 300 and not all(member.ended for member in swarm.members.values()):
         swarm.tick()
@@ -84,34 +86,34 @@ def flown(
     return swarm, found
 
 
-def kept(mission: LoadedMission, found: Judged) -> bool:
+@flown_once
+def piled(text: str = HEAD + PILED) -> tuple[VirtualSwarm, Judged]:
+    """Until all stand above each other, in their third step."""
+    return flown(begun(text), until=lambda s: s.in_step(3))
+
+
+def assert_kept(swarm: VirtualSwarm, found: Judged) -> None:
     """No pair was too near in both ways at once."""
-    r_in_m = mission.plan.law.r_in * mission.plan.unit_m
-    return found.beside_m >= r_in_m and found.above_m >= mission.plan.layer_m
+    assert found.beside_m >= swarm.plan.law.r_in * swarm.plan.unit_m
+    assert found.above_m >= swarm.plan.layer_m
 
 
 @pytest.mark.parametrize("seed", [1, on_demand(2)])
 def test_two_swap_heights_at_one_place(seed: int) -> None:
     """They stand above each other, part, pass, and stand above each other again."""
-    mission = loads(HEAD + TWO)
-    swarm, found = flown(mission, seed)
+    swarm, found = flown(begun(HEAD + TWO, seed))
     assert set(swarm.outcomes().values()) == {"completed"}
-    assert kept(mission, found)
-    assert found.above_m < mission.plan.slot_layer_m + 2.0  # they were above each other
+    assert_kept(swarm, found)
+    assert found.above_m < swarm.plan.slot_layer_m + 2.0  # they were above each other
     assert swarm.closest_m >= 2.5  # as the swarm's own judge says
 
 
-@pytest.mark.parametrize(
-    ("ready", "seed"), [(at_half_rate, 1), *(on_demand(ready, seed) for seed in range(1, 21))]
-)
-def test_the_ready_mission_whose_layers_change_places(
-    ready: Callable[[str], str], seed: int
-) -> None:
-    """All steps; twenty seeds with real processes: `tests/system/test_lockstep.py`, on demand."""
-    mission = loads(ready("layers.yaml"))
-    swarm, found = flown(mission, seed)
+@pytest.mark.parametrize("seed", [on_demand(seed) for seed in range(1, 21)])
+def test_the_ready_mission_whose_layers_change_places(seed: int) -> None:
+    """All steps, each of which the test above has in small."""
+    swarm, found = flown(begun(ready("layers.yaml"), seed))
     assert set(swarm.outcomes().values()) == {"completed"}
-    assert kept(mission, found)
+    assert_kept(swarm, found)
 
 
 def test_without_the_rule_two_swap_heights_through_each_other(
@@ -119,16 +121,15 @@ def test_without_the_rule_two_swap_heights_through_each_other(
 ) -> None:
     """The test above can fail: where all pairs count as apart, the two collide."""
     monkeypatch.setattr("swarm_ctl.core.safety.safety_filter.apart_by_height", lambda *_: True)
-    mission = loads(HEAD + TWO)
-    _, found = flown(mission)
-    assert not kept(mission, found)
+    swarm, found = flown(begun(HEAD + TWO))
+    with pytest.raises(AssertionError):
+        assert_kept(swarm, found)
 
 
 def test_words_that_are_late_put_a_pile_in_one_plane_again() -> None:
     """Three above each other hear nothing for 1.5 s: they part, slowly, and stand above each other
     again once they hear."""
-    mission = loads(HEAD + PILED)
-    swarm, _ = flown(mission, until=lambda s: s.in_step(3))
+    swarm, _ = piled()
     hear_again = [deaf(swarm, agent, keys.STATE) for agent in (1, 2, 3)]
     begun_s, fastest, parted = swarm.now, 0.0, 0.0
     while swarm.now < begun_s + 4.0:
@@ -142,27 +143,27 @@ def test_words_that_are_late_put_a_pile_in_one_plane_again() -> None:
             for hear in hear_again:
                 hear()
     assert parted > 0.3
-    swarm, found = flown(mission, swarm=swarm)
-    plan = mission.plan
-    assert 0.5 < fastest < 0.5 * plan.limits.speed_mps  # what a keep-out asks for at most
-    assert found.above_m < mission.plan.slot_layer_m + 2.0  # above each other again
-    assert kept(mission, found)
+    _, found = flown(swarm)
+    assert 0.5 < fastest < 0.5 * swarm.plan.limits.speed_mps  # what a keep-out asks for at most
+    assert found.above_m < swarm.plan.slot_layer_m + 2.0  # above each other again
+    assert_kept(swarm, found)
     assert set(swarm.outcomes().values()) == {"completed"}
 
 
-@pytest.mark.parametrize("down_m", [3.0, -3.0])
-@pytest.mark.parametrize("agent", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("agent", "down_m"),
+    [(1, 3.0), (2, 3.0), (2, -3.0), (3, -3.0), on_demand(1, -3.0), on_demand(3, 3.0)],
+)
 def test_a_height_that_is_off_by_3_m_counts_for_that_much_less(agent: int, down_m: float) -> None:
     """The estimate of one in a pile jumps by 3 m, so that it climbs or sinks towards another, by
-    the spacing that is just enough for estimates that are right."""
+    the spacing that is just enough for estimates that are right; on demand, away from it."""
     spacing_m = loads(HEAD + PILED).plan.slot_layer_m
     ups = f"up_m: [0, {spacing_m + 0.1:.1f}, {2 * spacing_m + 0.2:.1f}]"
-    mission = loads(HEAD + PILED.replace("up_m: [0, 8, 16]", ups))
-    swarm, before = flown(mission, until=lambda s: s.in_step(3))
+    swarm, before = piled(HEAD + PILED.replace("up_m: [0, 8, 16]", ups))
     swarm.hub.world.vehicles[agent - 1].firmware.parameters.set("SIM_GPS_JUMP_D", down_m)
-    swarm, found = flown(mission, swarm=swarm, until=lambda s: s.in_step(4))
-    assert before.above_m >= mission.plan.layer_m
-    assert kept(mission, found)
+    _, found = flown(swarm, until=lambda s: s.in_step(4))
+    assert before.above_m >= swarm.plan.layer_m
+    assert_kept(swarm, found)
     doubted = [e.text for e in swarm.events if "its height jumped by 3.0 m" in e.text]
     assert len(doubted) == 2  # by both others
 
@@ -170,51 +171,35 @@ def test_a_height_that_is_off_by_3_m_counts_for_that_much_less(agent: int, down_
 @pytest.mark.parametrize("agent", [1, 2, 3])
 def test_one_whose_agent_dies_among_others_in_a_pile(agent: int) -> None:
     """The others hear nothing of it, make room in the plane, and go on once it has landed."""
-    lost = "policies: {agent_lost: continue}\n"
-    mission = loads(HEAD + lost + PILED)
-    swarm, _ = flown(mission, until=lambda s: s.in_step(3))
+    swarm, _ = piled(HEAD + "policies: {agent_lost: continue}\n" + PILED)
     swarm.kill(agent)
-    swarm, found = flown(mission, swarm=swarm)
-    assert kept(mission, found)
+    assert_kept(*flown(swarm))
     others = {i: how for i, how in swarm.outcomes().items() if i != agent}
     assert set(others.values()) == {"completed"}
 
 
-@pytest.mark.parametrize("agent", [2, 3])
-def test_one_that_is_ordered_down_from_a_pile_moves_aside_first(agent: int) -> None:
-    mission = loads(HEAD + PILED)
-    swarm, _ = flown(mission, until=lambda s: s.in_step(3))
-    swarm.command("land", agents=(agent,))
-    swarm, found = flown(mission, swarm=swarm)
-    assert kept(mission, found)
-    assert swarm.all_down
-
-
-def test_all_that_are_ordered_down_from_a_pile_part_first() -> None:
-    mission = loads(HEAD + PILED)
-    swarm, _ = flown(mission, until=lambda s: s.in_step(3))
-    swarm.command("land")
-    swarm, found = flown(mission, swarm=swarm)
-    assert kept(mission, found)
+@pytest.mark.parametrize("agents", [(2,), (3,), ()], ids=str)
+def test_who_is_ordered_down_from_a_pile_moves_aside_first(agents: tuple[int, ...]) -> None:
+    """One, or all."""
+    swarm, _ = piled()
+    swarm.command("land", agents=agents)
+    assert_kept(*flown(swarm))
     assert swarm.all_down
 
 
 def test_a_return_from_a_pile() -> None:
     """All go home at the heights of returns, which are no slots'."""
-    mission = loads(
-        HEAD + PILED.replace("  - form: {shape: flat, settle_s: 1}\n  - land", "  - return")
-    )
-    swarm, found = flown(mission)
-    assert kept(mission, found)
+    returns = PILED.replace("  - form: {shape: flat, settle_s: 1}\n  - land", "  - return")
+    swarm, found = flown(begun(HEAD + returns))
+    assert_kept(swarm, found)
     assert set(swarm.outcomes().values()) == {"completed"}
 
 
 def test_a_step_that_waits_for_an_aircraft_in_the_way_ends_and_names_it() -> None:
     """An agent that is pinned under another one, and may not leave, gives up in time."""
-    mission = loads(HEAD + TWO)
-    swarm, _ = flown(mission, until=lambda s: s.in_step(3))
+    swarm, _ = piled(HEAD + TWO)
     for member in swarm.members.values():
         member.agent._controller.keep_clear = lambda *_, **__: (0.0, 0.0)  # type: ignore[method-assign]
-    swarm, _ = flown(mission, swarm=swarm, until=lambda s: "failed" in s.outcomes().values())
+    flown(swarm, until=lambda s: "failed" in s.outcomes().values())
     told = [e.text for e in swarm.events if "waits at its height for agent" in e.text]
     assert any("timed out" in text for text in told)

@@ -4,16 +4,15 @@
 from __future__ import annotations
 
 import math
-import random
 
 import pytest
 
-from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Phase
+from swarm_ctl.core.model.messages import AgentStatus, Phase
 from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.mission.compile.loader import LoadedMission
 from tests.on_demand import on_demand
 from tests.scenarios.swarm import VirtualSwarm, at_step
-from tests.scenarios.test_steps import FORM, TAKEOFF, THIRD, quartet, shape_error_m
+from tests.scenarios.test_steps import TAKEOFF, THIRD, quartet, shape_error_m
 
 ORDERS = ("land", "return", "kill")
 
@@ -186,45 +185,3 @@ def test_a_formation_may_stand_over_a_vehicle_that_has_landed_and_lands_beside_i
     apart = min(math.dist(swarm.positions()[i], place) for i in (1, 2, 4))
     assert apart > swarm.plan.law.r_in
     assert [swarm.outcomes()[i] for i in (1, 2, 4)] == ["completed"] * 3
-
-
-# --- any order, to any agents, at any time ---
-
-SEEDS = [1, *(on_demand(seed) for seed in (0, *range(2, 40)))]
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_any_order_concerns_the_agents_that_it_names_alone(seed: int) -> None:
-    """Orders one after the other, to subsets, in any step: no agent that was never named lands,
-    returns, is killed or stops before its mission does, and no pair comes under `r_in`."""
-    drawn = random.Random(seed)
-    head = "policies: {override_pause_s: 10}\n"
-    swarm = VirtualSwarm(
-        quartet(
-            "hold: {duration_s: 8}",
-            "move: {by: [25, 0]}",
-            "rotate: {angle_deg: 45}",
-            "land",
-            head=head,
-            height_m=8,
-        ),
-        seed,
-    )
-    spared, spared_one = set(swarm.members), drawn.choice([1, 2, 3, 4])
-    begun = drawn.choice([0, TAKEOFF, FORM, THIRD])
-    swarm.wait(lambda s: s.in_step(begun))
-    for k in range(drawn.randint(1, 3)):
-        swarm.run(drawn.uniform(0, 12))
-        others = sorted(swarm.members.keys() - {spared_one})
-        named = tuple(drawn.sample(others, drawn.randint(1, 3)))
-        kind = drawn.choice([*ORDERS, CommandKind.HOLD, CommandKind.NEXT, CommandKind.RESUME])
-        swarm.command(kind, agents=named, name=f"order-{k}")
-        spared -= set(named)
-    while any(swarm.members[i].alive for i in spared) and swarm.now < 400:
-        swarm.tick()
-        for i in spared:
-            goes_down = {Phase.LAND, Phase.RETURN, Phase.HOLD, Phase.YIELD, Phase.ENDED}
-            told = swarm.members[i].status
-            assert told is None or told.phase not in goes_down or told.step == 6, (i, told)
-    assert {swarm.outcomes().get(i) for i in spared} == {"completed"}
-    assert swarm.closest_m > swarm.plan.law.r_in

@@ -18,7 +18,6 @@ import pytest
 
 import swarm_ctl
 from swarm_ctl.api.flight import FlightError
-from swarm_ctl.api.fly import Flying
 from swarm_ctl.api.swarm import AsyncSwarm, OrderError, Swarm
 from swarm_ctl.api.virtual_flight import VirtualFlight
 from swarm_ctl.cli.shared.options import runs_in
@@ -77,6 +76,7 @@ def test_the_public_names_are_there_at_the_top() -> None:
     names |= {"FlightError": swarm_ctl.FlightError, "OrderError": swarm_ctl.OrderError}
     assert names["OrderError"] is OrderError
     assert set(swarm_ctl.__all__) == {*names, "FlightResult"}  # type: ignore[attr-defined]
+    assert names.keys() <= set(dir(swarm_ctl))
     with pytest.raises(AttributeError, match="no attribute 'jump'"):
         swarm_ctl.jump  # type: ignore[attr-defined]  # noqa: B018
 
@@ -122,15 +122,6 @@ def test_a_task_that_waits_keeps_no_other_from_commanding() -> None:
     assert outcomes == {"aborted"}
 
 
-def _fails_in_flight(flying: Flying) -> Swarm:
-    """A program's mistake, in the air."""
-    with contextlib.suppress(ZeroDivisionError), flying as swarm:
-        swarm.step("form pair")
-        assert len(swarm.view().agents) == 2
-        raise ZeroDivisionError
-    return swarm
-
-
 def test_orders_have_the_shell_s_names_and_an_earlier_name_says_the_new_one() -> None:
     """`return` alone is a word that no Python name may be."""
     orders = set(BY_NAME) - {"kill", "expel", "readmit"}  # by `send`
@@ -158,13 +149,28 @@ def test_one_lands_and_the_others_return() -> None:
 
 
 def test_the_end_of_the_block_lands() -> None:
-    assert _fails_in_flight(swarm_ctl.fly(BARE, vehicles="virtual")).finish().all_down
+    with contextlib.suppress(ZeroDivisionError), swarm_ctl.fly(BARE, vehicles="virtual") as swarm:
+        swarm.step("form pair")
+        assert len(swarm.view().agents) == 2
+        raise ZeroDivisionError  # a program's mistake, in the air
+    assert swarm.finish().all_down
 
 
 @pytest.mark.lockstep
-def test_a_program_that_fails_in_flight_leaves_no_process(tmp_path: Path) -> None:
-    """Real processes: the run lands, writes its summary, and ends."""
-    _fails_in_flight(swarm_ctl.fly(BARE, speedup="max", runs=tmp_path))
+def test_a_program_that_fails_in_flight_leaves_no_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Real processes: orders find the run folder while they fly, one level deep in `runs` as that
+    of `run`. Then the run lands, writes its summary, and ends."""
+    monkeypatch.chdir(tmp_path)
+    with contextlib.suppress(ZeroDivisionError), swarm_ctl.fly(BARE, speedup="max") as swarm:
+        swarm.step("form pair")
+        assert flying_run() == Path("runs") / swarm.flight.folder.name  # type: ignore[attr-defined]
+        assert repr(swarm.hold(2)) == "<hold: accepted by agent 2>"
+        raise ZeroDivisionError
+    with pytest.raises(StartError, match="nothing flies"):
+        flying_run()
+    assert [folder.name for folder in runs_in(Path("runs"))] == [swarm.flight.folder.name]  # type: ignore[attr-defined]
     (file,) = tmp_path.rglob("summary.json")
     summary = json.loads(file.read_text())
     assert (summary["outcome"], summary["reason"]) == (
@@ -173,10 +179,6 @@ def test_a_program_that_fails_in_flight_leaves_no_process(tmp_path: Path) -> Non
     )
     found = subprocess.run(["/bin/ps", "-eo", "args"], capture_output=True, text=True, check=True)
     assert str(tmp_path) not in found.stdout
-
-
-def test_the_public_names_can_be_completed() -> None:
-    assert {"fly", "Swarm", "AsyncSwarm", "FlightError"} <= set(dir(swarm_ctl))
 
 
 def test_an_async_end_waits_for_its_time_once() -> None:
@@ -196,21 +198,6 @@ def test_an_async_end_waits_for_its_time_once() -> None:
     asyncio.run(swarm.finish(10.0))
     swarm.leave()
     assert flight.now + flight.rest_s == 10.0
-
-
-def test_what_python_flies_has_a_run_folder_that_orders_find(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """One level deep in `runs`, as that of `run`; the answer of an order fits into a line."""
-    monkeypatch.chdir(tmp_path)
-    with swarm_ctl.fly("hexagon", speedup="max") as swarm:
-        assert flying_run() == Path("runs") / swarm.flight.folder.name  # type: ignore[attr-defined]
-        swarm.step("form hexagon")
-        sent = swarm.hold(2)
-        assert repr(sent) == "<hold: accepted by agent 2>"
-    with pytest.raises(StartError, match="nothing flies"):
-        flying_run()
-    assert [folder.name for folder in runs_in(Path("runs"))] == [swarm.flight.folder.name]  # type: ignore[attr-defined]
 
 
 def test_a_virtual_shape_is_dealt_by_where_agents_would_come_to_rest() -> None:

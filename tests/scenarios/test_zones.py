@@ -460,7 +460,7 @@ def test_a_zone_is_added_anywhere_to_a_file_in_a_dense_wood(seed: int) -> None:
     assert swarm.closest_m > 2 * mission.plan.law.r_in * mission.plan.unit_m
 
 
-@pytest.mark.parametrize("east", [5.0, on_demand(9.0), 14.0])
+@pytest.mark.parametrize("east", [5.0, on_demand(9.0), on_demand(14.0)])
 def test_a_zone_that_is_added_over_a_formation_on_its_way_holds_it_up_for_a_moment(
     east: float,
 ) -> None:

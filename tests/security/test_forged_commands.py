@@ -15,7 +15,7 @@ from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.payloads import encode
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from tests.on_demand import on_demand
-from tests.scenarios.faults import FORM, IDS, mission
+from tests.scenarios.swap import FORM, IDS, mission
 from tests.scenarios.swarm import flown_once, landing_fast
 from tests.security.forger import Attacked
 from tests.unit.plans import steps_of

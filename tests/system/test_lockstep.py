@@ -3,8 +3,6 @@ up (`test_run.py` has what a flight in real time survives, too)."""
 
 from __future__ import annotations
 
-import json
-import os
 import random
 import signal
 import subprocess
@@ -27,7 +25,6 @@ from tests.system.conftest import Typed
 from tests.system.running import HEXAGON, LOW, ROOT, Running
 from tests.system.test_run import assert_apart, assert_truth_ends_on_the_ground
 
-LAYERS = ROOT / "missions" / "layers.yaml"
 WOOD = ROOT / "missions" / "wood.yaml"
 
 pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(300)]
@@ -60,8 +57,6 @@ steps:
   - form: {shape: block, settle_s: 1, timeout_s: 100}
   - land
 """
-
-FLIGHTS = int(os.environ.get("SWARM_CTL_FLIGHTS", "100"))
 
 
 @contextmanager
@@ -98,7 +93,7 @@ def virtual_truth(mission: Path, seed: int, truth: Path) -> bytes:
 def test_the_same_flight_beside_a_busy_loop(tmp_path: Path) -> None:
     """A run beside a busy loop, with wind, noise, lost and late frames by a seed: the truth is
     that of one process on a virtual clock, byte for byte; another seed's is not. Of two runs, with
-    their events: `tests/scenarios/test_plugin.py`."""
+    their events: `tests/scenarios/test_plugin.py`; of drawn flights: `fuzz --lockstep`."""
     mission = tmp_path / "faults.yaml"
     mission.write_text(LOW.read_text() + FAULTS)
     with (
@@ -115,31 +110,6 @@ def test_the_same_flight_beside_a_busy_loop(tmp_path: Path) -> None:
     assert not any(link["lost"] for link in running.summary()["links"])
 
 
-def random_faults(seed: int) -> str:
-    """Weather, sensors, lost and late frames, at any time of the flight."""
-    draw = random.Random(seed)
-    kinds = [
-        {"SIM_LOSS": draw.randrange(5, 60)},
-        {"SIM_DELAY": round(draw.uniform(0.05, 0.6), 2)},
-        {"SIM_HB_MUTE": 1},
-        {"SIM_GPS_NOISE": round(draw.uniform(0.1, 1.5), 2)},
-        {"SIM_GPS_OFF": 1},
-        {"SIM_WIND_SPD": draw.randrange(1, 12), "SIM_WIND_GUST": draw.randrange(1, 4)},
-        {"SIM_MOTOR_STOP": 1},
-        {"SIM_REBOOT": 1},
-    ]
-    faults = [
-        {
-            "at_s": round(draw.uniform(0, 30), 1),
-            "agents": draw.sample(range(1, 7), draw.randrange(1, 4)),
-            "set": kind,
-        }
-        | ({"for_s": round(draw.uniform(1, 10), 1)} if "SIM_REBOOT" not in kind else {})
-        for kind in draw.sample(kinds, draw.randrange(1, 4))
-    ]
-    return "\nsimulation:\n  faults:\n" + "".join(f"    - {json.dumps(f)}\n" for f in faults)
-
-
 @pytest.mark.parametrize("seed", [on_demand(seed) for seed in range(1, 21)])
 def test_the_wood(tmp_path: Path, seed: int) -> None:
     """All steps of the mission among zones: by the simulator's truth none comes nearer to one than
@@ -152,34 +122,6 @@ def test_the_wood(tmp_path: Path, seed: int) -> None:
     assert [step["result"] for step in summary["steps"]] == ["done"] * 6
     assert summary["nearest_zone"]["distance_m"] > 1.25
     assert summary["min_true_distance_m"] > summary["r_in_m"]
-
-
-@pytest.mark.parametrize("seed", [on_demand(seed) for seed in range(1, 21)])
-def test_the_layers(tmp_path: Path, seed: int) -> None:
-    """All steps of the mission in which layers change places: by the simulator's truth no two come
-    under r_in that are not a layer apart in height. One flight of it is in every run, on the
-    virtual clock (`tests/scenarios/test_layers.py`)."""
-    with Running("run", LAYERS, *MAX, "--seed", str(seed), cwd=tmp_path) as running:
-        assert running.wait(280) == 0, running.output
-        running.assert_nothing_left()
-    summary = running.summary()
-    assert [step["result"] for step in summary["steps"]] == ["done"] * 7
-    assert summary["min_true_distance_m"] > summary["r_in_m"]
-
-
-@pytest.mark.long
-@pytest.mark.timeout(300)
-@pytest.mark.parametrize("seed", range(FLIGHTS))
-def test_any_flight_is_that_of_the_virtual_clock(tmp_path: Path, seed: int) -> None:
-    """Hexagons with random faults beside eight busy loops end as in one process on an idle machine:
-    the same truth, byte for byte. SWARM_CTL_FLIGHTS=1000 flies more than a hundred."""
-    mission = tmp_path / "random.yaml"
-    mission.write_text(HEXAGON.read_text() + random_faults(seed))
-    with busy(8), Running("run", mission, *MAX, "--seed", str(seed), cwd=tmp_path) as running:
-        assert running.wait(280) in (0, 1), running.output
-    assert "lockstep:" not in running.output
-    truth = tmp_path / "virtual.jsonl"
-    assert left_by(running, "truth.jsonl") == [virtual_truth(mission, seed, truth)]
 
 
 def test_an_agent_is_stopped(tmp_path: Path) -> None:
