@@ -176,6 +176,11 @@ def test_a_part_of_a_list_is_replaced_by_arducopter() -> None:
     assert [m["type"] for m in rig.heard("MISSION_ACK")] == [0]
     after = download(rig)
     assert [a == b for a, b in zip(after, before, strict=True)] == [True, True, False, False, True]
+    rig.tell("MISSION_COUNT", **TO, count=3, mission_type=0)
+    rig.said.clear()
+    part = {"start_index": 0, "end_index": 0, "mission_type": 0}
+    rig.tell("MISSION_WRITE_PARTIAL_LIST", (254, 190), **TO, **part)
+    assert [m["type"] for m in rig.heard("MISSION_ACK")] == [MissionResult.DENIED], "another's"
 
 
 @BOTH
