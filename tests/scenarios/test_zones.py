@@ -13,7 +13,6 @@ import yaml
 from swarm_ctl.commands.build import AgentNow, SwarmNow, build
 from swarm_ctl.commands.parse import parse
 from swarm_ctl.commands.send import CommandSender
-from swarm_ctl.core.kernel.queue import point_on
 from swarm_ctl.core.kernel.walls import Edge, faced
 from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.core.model.plan import Zone
@@ -256,37 +255,6 @@ def test_a_formation_goes_in_file_through_a_gate() -> None:
     assert swarm.closest_m > mission.plan.law.r_in * mission.plan.unit_m
 
 
-def dense(seed: int) -> LoadedMission:
-    """Eight agents and 28 trunks of 0.5 to 3 m on 64 by 64 m."""
-    dice, trees = random.Random(seed), list[tuple[float, float, float]]()
-    while len(trees) < 28:
-        north, east, r = dice.uniform(24, 88), dice.uniform(-32, 32), dice.uniform(0.5, 3)
-        if all(math.dist((north, east), (n, e)) > r + q + 1 for n, e, q in trees):
-            trees.append((north, east, r))
-    zones = {
-        f"tree-{k}": {"circle": [round(n / 5, 3), round(e / 5, 3)], "radius": round(r / 5, 3)}
-        for k, (n, e, r) in enumerate(trees)
-    }
-    starts = [(2 * (k // 3), 2 * (k % 3) - 2) for k in range(8)]
-    agents = [{"id": k + 1, "start": list(start)} for k, start in enumerate(starts)]
-    written = yaml.safe_load(HEAD + STEPS.replace("[24, 1]", "[25, 0]")) | {
-        "zones": zones,
-        "agents": agents,
-        "fence": {"polygon": [[-10, -9], [32, -9], [32, 9], [-10, 9]]},
-        "shapes": {"grid": {"kind": "grid", "spacing": 2, "columns": 3}},
-    }
-    return loads(yaml.safe_dump(written))
-
-
-@pytest.mark.parametrize("seed", [on_demand(seed) for seed in range(1, 21)])
-def test_eight_through_a_dense_wood(seed: int) -> None:
-    mission = dense(seed)
-    least, swarm = least_m(mission, seed)
-    assert min(least.values()) > 1.25
-    assert set(swarm.outcomes().values()) == {"completed"}
-    assert swarm.closest_m > mission.plan.law.r_in * mission.plan.unit_m
-
-
 def ordered(swarm: VirtualSwarm, line: str) -> None:
     """An operator's order."""
     flying = {i: member.agent._controller for i, member in swarm.members.items()}
@@ -432,32 +400,6 @@ def test_a_move_in_file_goes_round_a_zone_that_is_added() -> None:
             assert not left[k] or gap_m(pond, *place[:2]) > 0.0
     assert all(left.values())
     assert swarm.closest_m > 2 * swarm.plan.law.r_in * swarm.plan.unit_m
-
-
-@pytest.mark.parametrize("seed", [on_demand(seed) for seed in range(2, 17, 2)])
-def test_a_zone_is_added_anywhere_to_a_file_in_a_dense_wood(seed: int) -> None:
-    """At any moment, on its way or beside it: all arrive, none comes nearer to it than its
-    clearance, but those who were nearer when it came."""
-    mission, dice = dense(seed), random.Random(seed)
-    way = [(5.0, 0.0), *steps_of(mission.plan)[2].way_m]
-    ends = [0.0, *itertools.accumulate(math.dist(*leg) for leg in itertools.pairwise(way))]
-    at = point_on([complex(*corner) for corner in way], ends, dice.uniform(0.2, 0.85) * ends[-1])
-    radius_m = round(dice.uniform(1, 4), 1)
-    north, east = (round(x + dice.uniform(-4, 4), 1) for x in (at.real, at.imag))
-    pond, come_m = Zone("pond", ((north, east),), radius_m, 1.25), dice.uniform(10, 80)
-    swarm, left = at_step(mission, 3), set[int]()
-    swarm.wait(lambda s: max(place[0] for place in s.positions().values()) > come_m)
-    ordered(swarm, f"zone add pond circle {north} {east} {radius_m}")
-    swarm.run(2.5)
-    while not all(member.ended for member in swarm.members.values()):
-        assert swarm.now < 200.0
-        swarm.tick()
-        for agent, place in swarm.positions().items():
-            gap = gap_m(pond, *place)
-            left |= {agent} if gap > 1.3 else set()
-            assert agent not in left or gap > 1.2
-    assert set(swarm.outcomes().values()) == {"completed"}
-    assert swarm.closest_m > 2 * mission.plan.law.r_in * mission.plan.unit_m
 
 
 @pytest.mark.parametrize("east", [5.0, on_demand(9.0), on_demand(14.0)])

@@ -152,19 +152,6 @@ def test_the_heartbeat_is_an_onboard_controllers() -> None:
 # --- standby: streams, parameters, health ---
 
 
-def test_nothing_but_heartbeats_before_the_vehicle_was_heard() -> None:
-    driver = autopilot("ardupilot", 7)
-    for goal in (
-        StandbyGoal(),
-        AirborneGoal(3.0),
-        FlyGoal((1.0, 0.0, 0.0)),
-        LandGoal(),
-        ReleaseGoal(),
-    ):
-        driver = autopilot("ardupilot", 7)
-        assert [m.msgname for m in driver.pursue(goal, Telemetry(), 0.0)] == ["HEARTBEAT"]
-
-
 def test_all_streams_are_asked_for_at_first_and_none_again_while_it_comes() -> None:
     vehicle = make("ardupilot")
     sent = vehicle.run(StandbyGoal(), 30.0)
@@ -513,15 +500,6 @@ def test_refused_commands_are_tried_again_every_second(name: str) -> None:
 
 
 @both
-def test_in_the_air_airborne_asks_for_nothing_more(name: str) -> None:
-    vehicle = airborne(name)
-    sent = vehicle.run(AirborneGoal(3.0), 10.0)
-    assert [
-        m for _, m in sent if m.msgname == "COMMAND_LONG" and m.command not in (INTERVAL, REQUEST)
-    ] == []
-
-
-@both
 @pytest.mark.parametrize("when_s", [0.0, 1.5, 2.5, 4.0, 6.0])
 def test_a_pilot_who_takes_over_on_the_way_up_keeps_the_vehicle(name: str, when_s: float) -> None:
     vehicle = make(name)
@@ -568,15 +546,6 @@ def test_fly_sends_one_velocity_setpoint_a_call(name: str) -> None:
         assert (m.coordinate_frame, m.type_mask) == (1, 3527)
         assert (m.vx, m.vy, m.vz) == (1.0, -2.0, 0.5)
         assert m.time_boot_ms == int(now * 1000)
-
-
-@both
-def test_no_setpoint_without_a_call(name: str) -> None:
-    vehicle = flying(name)
-    count = len(vehicle.sent)
-    for _ in range(40):
-        vehicle.tick([])
-    assert len(vehicle.sent) == count
 
 
 @both
