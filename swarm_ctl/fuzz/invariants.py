@@ -719,6 +719,8 @@ def _against_completed(seen: Seen) -> Iterator[str]:
     left = {each.agent for each in summary.left}
     for step in summary.steps:
         of = step.agents or seen.ids
+        if left.issuperset(of):  # of a group that the operator has ended
+            continue
         planned = seen.plan.group_of(of[0], step.step).step(step.step)
         goes_on = planned is not None and planned.on_timeout is Policy.CONTINUE
         late = step.result is StepVerdict.TIMEOUT and not goes_on

@@ -338,6 +338,13 @@ def test_groups_that_do_not_wait_for_each_other(monkeypatch: pytest.MonkeyPatch)
     assert Invariant.TOGETHER in kinds(split([]))
 
 
+def test_a_group_that_the_operator_lands_leaves_no_step_undone() -> None:
+    """The mission is that of the others."""
+    flight = split([{"at_s": 20, "order": "land @red"}])
+    assert flight.summary.outcome is Outcome.COMPLETED
+    assert broken(flight) == []
+
+
 def test_a_loss_is_one_of_its_own_group() -> None:
     """The other group flies on, until it waits for the lost one."""
     flight = split([{"at_s": 20, "kill": [3]}])
