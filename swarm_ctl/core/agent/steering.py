@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from swarm_ctl.core.agent.own_vehicle import OwnVehicle
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.controller import Controller
-from swarm_ctl.core.control.navigation import climb_rate
+from swarm_ctl.core.control.navigation import OwnFix, climb_rate
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Limits, Point
 from swarm_ctl.core.model.rows import row
@@ -151,11 +151,20 @@ class Steering:
             sent = complex(*velocity) + controller.headwind.meet(complex(*velocity), flown)
             sent -= complex(*fix.drift_mps)
             return AirborneGoal(course.height_m, (sent.real, sent.imag))
-        against, drift = controller.headwind.fade(), fix.drift_mps
+        against, drift = self._against(tick, complex(*velocity), fix), fix.drift_mps
         north, east = velocity[0] + against.real - drift[0], velocity[1] + against.imag - drift[1]
         waits = controller.safety_filter.waits or layers.waits_for is not None
         climb_mps = 0.0 if waits else climb_rate(missing_m, self._limits)
         return self._setpoint(tick.now, north, east, climb_mps)
+
+    def _against(self, tick: Tick, setpoint: complex, fix: OwnFix) -> complex:
+        """What is added to the setpoint of a PX4. An ArduCopter holds its way in the wind itself:
+        it goes by places."""
+        headwind, view = self._controller.headwind, tick.view
+        if not (view.climbs_by_setpoints and view.controlled) or view.on_ground:
+            return headwind.fade()
+        flown = complex(*fix.velocity_ned_mps[:2])
+        return headwind.steady(setpoint, flown, self._controller.estimate.response_s)
 
     def _setpoint(self, now: float, north: float, east: float, climb_mps: float) -> FlyGoal:
         self.setpoints.add(now)

@@ -403,7 +403,10 @@ def _report_of(pair: law.Pair, others: LawInput) -> PairReport:
 
 
 _MET_PER_S: Final = 2.0
-"""How fast what is missing is added [1/s]."""
+"""How fast what is missing is added in a climb [1/s]."""
+_STEADY_S: Final = 0.5
+"""In flight that takes as long as the vehicle takes to answer, and no less than this: one that
+answers later would swing."""
 _TAKES_OVER_S: Final = 4.5
 """The vehicle's integrator fills in this time by what is added: P over I of a PX4 as delivered."""
 _HEADWIND_MPS: Final = 3.0
@@ -411,13 +414,14 @@ _HEADWIND_MPS: Final = 3.0
 
 
 class Headwind:
-    """What is added to the setpoints of a vehicle that has just left the ground, against the wind.
-    Complex numbers north + 1j * east [m/s].
+    """What is added to the setpoints of a vehicle against the wind. Complex numbers north + 1j *
+    east [m/s].
 
     A PX4 that is flown by velocities meets the wind with an integrator that is still empty (and has
     to be, on the ground). It fills slowly, `MPC_XY_VEL_I_ACC / MPC_XY_VEL_P_ACC` = 0.22 1/s as
-    delivered. Until then the wind takes the vehicle with it, by metres. So setpoints to it are more
-    by what it lacks, and less of that as its own integrator takes over.
+    delivered. Until then the wind takes the vehicle with it, by metres; and one that brakes flies
+    on for seconds by what its integrator held against the air. So setpoints to it are more by what
+    it lacks, and less of that as its own integrator takes over.
     """
 
     def __init__(self, vehicle: Response, tick_s: float) -> None:
@@ -438,8 +442,17 @@ class Headwind:
         self.added *= _HEADWIND_MPS / max(_HEADWIND_MPS, abs(self.added))
         return self.added
 
+    def steady(self, setpoint: complex, flown: complex, response_s: float) -> complex:
+        """What is added in this tick of a flight after it. `response_s`: from a setpoint to the
+        flown velocity, as estimated in flight."""
+        self._expected += self._tick_s / (response_s + self._tick_s) * (setpoint - self._expected)
+        per_s = 1.0 / max(response_s, _STEADY_S)
+        self.added += per_s * self._tick_s * (self._expected - flown)
+        self.added *= _HEADWIND_MPS / max(_HEADWIND_MPS, abs(self.added))
+        return self.fade()
+
     def fade(self) -> complex:
-        """What is added in this tick of a flight after it."""
+        """What is added while the vehicle does not follow setpoints."""
         self.added *= 1.0 - self._tick_s / _TAKES_OVER_S
         return self.added
 

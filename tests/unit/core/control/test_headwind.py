@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from swarm_ctl.core.control.controller import Headwind
 from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 
@@ -46,6 +48,23 @@ def test_what_is_added_fades_as_the_vehicle_learns() -> None:
         assert abs(vehicle.velocity) < 0.3
     assert abs(vehicle.place - begun) < 1.0
     assert abs(headwind.added) < 0.01
+
+
+@pytest.mark.parametrize(("steadied", "flown_on_m"), [(False, 4.1), (True, 2.2)])
+def test_a_vehicle_that_brakes_does_not_fly_on(steadied: bool, flown_on_m: float) -> None:
+    """What its integrator held against the air carries it on; by its response it goes 1.8 m."""
+    vehicle, headwind = Vehicle(), Headwind(AUTOPILOT_KINDS["px4"].response, TICK_S)
+
+    def fly(setpoint: float, ticks: int) -> float:
+        for _ in range(ticks):
+            flown, added = complex(vehicle.velocity), 0.0
+            if steadied:
+                added = headwind.steady(complex(setpoint), flown, 0.9).real
+            vehicle.tick(setpoint + added)
+        return vehicle.place
+
+    begun = fly(2.0, 400)
+    assert fly(0.0, 200) - begun == pytest.approx(flown_on_m, abs=0.1)
 
 
 def test_what_is_added_is_bounded_and_ends_on_the_ground() -> None:
