@@ -81,10 +81,13 @@ class OtherAircraft(NamedTuple):
         return now - self.true_s if self.far else self.age_s
 
     def elsewhere(self, key: FormationKey | None) -> bool:
-        """It flies another step or command than `key`, by its newest state."""
+        """It flies another step or command than `key`, by its newest state; or it has gone on, to
+        land perhaps, while a command keeps the own agent."""
         told = self.state
-        if told is None or told.phase is not Phase.FLY:
+        if told is None:
             return False
+        if told.phase is not Phase.FLY:
+            return key is not None and key[2] != 0 and told.step > key[1]
         return key is None or told.left is not None or (told.step, told.override) != key[1:]
 
     @property
