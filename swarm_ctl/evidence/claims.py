@@ -87,6 +87,8 @@ class ClaimRow(_Fields):
     A sentence more or less is a claim that nobody has looked at."""
     prints: tuple[str, ...] = ()
     """Words of the command's own output, with their figures; spaces count as one."""
+    invariants: tuple[str, ...] = ()
+    """Of a campaign: what none of its flights may break; what else broke is told."""
     limits: str
 
     @property

@@ -23,7 +23,7 @@ from pydantic import BaseModel, ValidationError
 from swarm_ctl.engine.clock import date_and_time, wall_s
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.evidence.claims import ClaimRow, Figure, FlownWith
-from swarm_ctl.fuzz.campaign import FLIGHTS
+from swarm_ctl.fuzz.campaign import FLIGHTS, DrawnFlight
 from swarm_ctl.installed import commit, version
 from swarm_ctl.runfolder.files import Damage, read_lines
 from swarm_ctl.study.rows import Row, read_rows, study_of
@@ -196,15 +196,17 @@ class Evidence:
         return [*(_again(each, rows, r_in) for each in row.figures), *_printed(row, text)], ""
 
     def _campaign(self, row: ClaimRow) -> str:
-        flights = [json.loads(line) for line in read_lines(self._out(row) / FLIGHTS, Damage())][1:]
-        broken = [flight["number"] for flight in flights if flight["broken"]]
-        hours = sum(flight["flown_s"] for flight in flights) / 3600
+        lines = list(read_lines(self._out(row) / FLIGHTS, Damage()))[1:]
+        flights = [DrawnFlight.of(line.decode()) for line in lines]
+        found = [(f.number, each.invariant) for f in flights for each in f.broken]
+        bad = {number for number, kind in found if kind.name in row.invariants}
         told = (
-            f"{len(broken)} of {len(flights)} flights broke an invariant"
-            f" ({_bound(len(broken), len(flights))}); {hours:.1f} h of flight"
+            f"{len(bad)} of {len(flights)} flights broke one of these invariants"
+            f" ({_bound(len(bad), len(flights))}); {sum(f.flown_s for f in flights) / 3600:.1f} h"
         )
-        if broken:
-            raise _FailedError(f"{told}: flights {', '.join(map(str, broken))}")
+        told += "".join(f"; flight {number} broke: {kind}" for number, kind in found)
+        if bad:
+            raise _FailedError(told)
         return told
 
 

@@ -62,21 +62,18 @@ def evidence(
         claims.rows, FlownWith.ALL if every else FlownWith.QUICK if quick else None, row or ()
     )
     made = Evidence(out)
-    begun, states = 0, set[str]()
+    flown, states = set[str](), set[str]()
     try:
         for each, again in made.fly(chosen):
             if again is None:
-                begun += 1
+                flown.add(each.name)
                 console.say(f"{each.name}: {each.command}", style="dim")
                 continue
             states.add(again.state)
-            good = "green" if again.state == HOLDS else "red"
-            found = told(again)
-            console.say(
-                f"{each.name}: {again.state}, {again.took_s:.0f} s"
-                + (f": {found}" if found else ""),
-                style=good if again.state in (HOLDS, MOVED, FAILED) else "yellow",
-            )
+            colour = {HOLDS: "green", MOVED: "red", FAILED: "red"}.get(again.state, "yellow")
+            when = f"{again.took_s:.0f} s" if each.name in flown else f"flown {again.at}"
+            words = filter(None, [f"{each.name}: {again.state}, {when}", told(again)])
+            console.say(": ".join(words), style=colour)
     except (KeyboardInterrupt, SystemExit):
         console.say(f"{out}: {counted(made, claims)}; the same command goes on from here")
         raise

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from swarm_ctl.cli.app import app
 from swarm_ctl.errors import InputError
 from swarm_ctl.evidence import claims as claims_module
+from swarm_ctl.evidence import flown
 from swarm_ctl.evidence.claims import (
     PAGES,
     ClaimRow,
@@ -23,8 +24,10 @@ from swarm_ctl.evidence.claims import (
     read_claims,
     unclaimed,
 )
-from swarm_ctl.evidence.flown import HOLDS, JOURNAL, Evidence, _again, wanted
+from swarm_ctl.evidence.flown import FAILED, HOLDS, JOURNAL, Evidence, _again, wanted
 from swarm_ctl.evidence.page import DATA, PAGE, write_evidence
+from swarm_ctl.fuzz.campaign import FLIGHTS, DrawnFlight
+from swarm_ctl.fuzz.invariants import Broken, Invariant
 from swarm_ctl.study.rows import COLUMNS
 from tests.unit.docs.pages import ROOT
 
@@ -77,6 +80,7 @@ def test_the_rows_are_whole() -> None:
     for each in CLAIMS.rows:
         paths = re.findall(r"(?:studies|tests)/\S+", each.command)
         assert [path for path in paths if not (ROOT / path).exists()] == [], each.name
+    assert {i for each in CLAIMS.rows for i in each.invariants} <= set(Invariant.__members__)
     assert {name for each in CLAIMS.sora for name in each.rows} <= set(names)
     assert [s.name for s in CLAIMS.sora if s.name.startswith("OSO")] == [
         f"OSO#{number}" for number in (*OSOS, "23", "24")
@@ -170,8 +174,25 @@ def test_a_command_that_ends_badly_fails_and_another_commit_is_refused(tmp_path:
         Evidence(tmp_path)
 
 
+@pytest.mark.parametrize(("broke", "state"), [("FORECAST", HOLDS), ("APART", FAILED)])
+def test_a_campaign_holds_its_own_invariants_and_tells_of_others(
+    broke: str, state: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = (Broken(Invariant[broke], "text"),)
+    flights = [DrawnFlight(k, "completed", 1800.0, 1.0, (), found if k else ()) for k in (0, 1)]
+    (tmp_path / "fast").mkdir()
+    (tmp_path / "fast" / FLIGHTS).write_text("\n".join(["{}", *(f.line() for f in flights), ""]))
+    monkeypatch.setattr(flown, "_run", lambda _words, _log: 1)
+    each = row("s", command="swarm-ctl fuzz --flights 2", invariants=("APART",))
+    *_, (_, again) = Evidence(tmp_path).fly([each])
+    assert again is not None
+    assert again.state == state
+    assert f"{int(state == FAILED)} of 2 flights broke one" in again.why
+    assert f"flight 1 broke: {Invariant[broke]}" in again.why
+
+
 def test_what_is_asked_for_is_flown() -> None:
-    quick, every = (wanted(CLAIMS.rows, flown, ()) for flown in (FlownWith.QUICK, FlownWith.ALL))
+    quick, every = (wanted(CLAIMS.rows, chosen, ()) for chosen in (FlownWith.QUICK, FlownWith.ALL))
     assert {each.name for each in quick} < {each.name for each in every}
     assert all(each.flown is not FlownWith.BY_HAND for each in every)
     assert [each.name for each in wanted(CLAIMS.rows, None, ["million"])] == ["million"]
