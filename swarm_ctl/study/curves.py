@@ -56,6 +56,7 @@ def draw_curves(study: Study, rows: Iterable[Row], by: tuple[str, ...], path: Pa
         for k, (_, line) in enumerate(groups.items()):
             values(axes, line, **line_style(k))
         axes.set_ylabel(label)
+        axes.margins(y=0.1)
         axes.set_ylim(bottom=0)
     bounds(panels[-1], [(R_IN, study.law.r_in)])
     panels[-1].set_xlabel(_LABELS.get(over, _named(over)))
@@ -83,7 +84,8 @@ def _shares(axes: Axes, line: Mapping[float, list[Row]], failed: str, **style: A
     shares = [100 * hit / len(line[x]) for hit, x in zip(hits, places, strict=True)]
     axes.plot(places, shares, marker="o", markersize=3, **style)
     low, high = ([100 * end[k] for end in ends] for k in (0, 1))
-    axes.fill_between(places, low, high, alpha=0.15, linewidth=0, color=style["color"])
+    # lines, not bands: those of several curves would hide each other
+    axes.vlines(places, low, high, linewidth=0.9, alpha=0.5, color=style["color"])
 
 
 def _is(row: Row, failed: str) -> bool:

@@ -255,9 +255,15 @@ class Dashboard(App[None]):
         if self._view is None:
             return None
         journal = self._journal
-        alarms, entries = journal.standing, journal.entries
-        palette = ON_DARK if self.current_theme.dark else ON_LIGHT
-        return Picture(self._view, alarms, entries, journal.unacknowledged, self._chosen, palette)
+        return Picture(
+            self._view,
+            journal.standing,
+            journal.entries,
+            journal.unacknowledged,
+            self._chosen,
+            journal.trends,
+            ON_DARK if self.current_theme.dark else ON_LIGHT,
+        )
 
     @property
     def pane(self) -> Pane | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Final
 
 from swarm_ctl.commands.parse import KINDS, group_names, ranges_of_law
@@ -31,8 +32,13 @@ from swarm_ctl.station.picture.summaries import (
 )
 from swarm_ctl.station.picture.view import CommandView, SwarmView
 
-_ENDS: Final = {Phase.RETURN: "all fly home", Phase.LAND: "all land", Phase.YIELD: "pilots fly"}
-"""What agents fly that have broken the mission off."""
+_ENDS: Final = {
+    Phase.RETURN: "fly home",
+    Phase.LAND: "land",
+    Phase.YIELD: "are flown by pilots",
+    Phase.HOLD: "stop",
+}
+"""What agents do that have broken the mission off."""
 _ANSWERED_S: Final = 20.0
 """How long (wall clock) an answered command stays on the screen."""
 _EACH: Final = 12
@@ -69,8 +75,10 @@ def _step_names(view: SwarmView) -> list[str]:
     """Of the step that is flown, or that waits for an order to be flown; the longest first."""
     step = f"step {view.step}/{view.plan.last_step}"
     aloft = [agent for agent in view.agents if agent.airborne and not agent.lost]
-    ends = {_ENDS.get(agent.phase) for agent in aloft if agent.phase is not None}
-    if len(ends) == 1 and (end := ends.pop()) and all(map(is_out, aloft)):
+    ends = Counter(_ENDS.get(agent.phase, "") for agent in aloft if agent.phase is not None)
+    if ends and "" not in ends and all(map(is_out, aloft)):
+        alike = len(ends) == 1
+        end = ", ".join(f"{'all' if alike else n} {words}" for words, n in ends.most_common())
         return [f"{end}, {step} broken off", f"{end}, {step} off", end]
     orders = {flown_order(agent, view) for agent in aloft}
     if len(orders) == 1 and (order := orders.pop()):

@@ -19,6 +19,7 @@ CellTable { height: auto; overflow-x: hidden; }
 #agents { height: auto; max-height: 75%; }
 #map { height: 1fr; }
 #recent { height: 3; }
+#trends { display: none; }
 #swarm.low #recent { display: none; }
 #swarm.wide { layout: horizontal; }
 #swarm.wide #left { height: 1fr; max-height: 100%; }

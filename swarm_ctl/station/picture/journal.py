@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Final
+from typing import Final, NamedTuple
 
 from swarm_ctl.core.model.messages import Event
 from swarm_ctl.core.model.text import agents_counted
@@ -21,6 +21,8 @@ from swarm_ctl.station.picture.view import SwarmView
 _ENTRIES: Final = 2000
 _FLAPS_S: Final = 10.0
 """An alarm that comes back within this time is the same one: counted, not told again."""
+TREND_S: Final = 240.0
+"""So far back trends go, with a point a second."""
 
 
 class EntryKind(StrEnum):
@@ -51,6 +53,15 @@ class JournalLine:
     count: int = 1
 
 
+class TrendPoint(NamedTuple):
+    """The swarm at one moment; None: not known."""
+
+    time_s: float
+    nearest_m: float | None
+    """Of any two in the air."""
+    error_m: float | None
+
+
 @dataclass(slots=True)
 class _Standing:
     """An alarm that stands, or stood until a moment ago."""
@@ -73,6 +84,7 @@ class Journal:
         self._alarms: dict[tuple[str, tuple[int, ...]], _Standing] = {}
         self._commands: dict[str, tuple[int, str]] = {}
         self._told_events = 0
+        self._trends: deque[TrendPoint] = deque(maxlen=round(TREND_S) + 1)
         self.standing: tuple[Alarm, ...] = ()
         """Alarms of the newest view, the worst first."""
 
@@ -95,8 +107,16 @@ class Journal:
         """How many alarms stand that the operator has not acknowledged."""
         return sum(s.gone_s is None and not s.acknowledged for s in self._alarms.values())
 
+    @property
+    def trends(self) -> tuple[TrendPoint, ...]:
+        """The last `TREND_S`, oldest first."""
+        return tuple(self._trends)
+
     def update(self, view: SwarmView) -> None:
         """Take a newer view in."""
+        if not self._trends or view.time_s - self._trends[-1].time_s >= 1.0:
+            near = [a.nearest_m for a in view.agents if a.live and a.nearest_m is not None]
+            self._trends.append(TrendPoint(view.time_s, min(near, default=None), view.error_m))
         self._take_events(view)
         self._take_commands(view)
         self._take_alarms(view)

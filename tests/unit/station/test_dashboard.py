@@ -671,3 +671,20 @@ def test_a_station_of_ended_agents_is_left_without_a_question() -> None:
     for agent in range(1, 7):
         model.fold(state_of(PLAN, agent, 30.5, 9999, phase=Phase.ENDED), 30.5)
     _play(play, model.view(30.6), owns_run=False)
+
+
+@pytest.mark.parametrize("size", [(160, 30), (160, 50), (120, 24), (80, 24)])
+def test_trends_stand_where_the_table_leaves_room(size: tuple[int, int]) -> None:
+    """Never at the cost of the log, and nothing fails where there is none."""
+
+    async def go() -> None:
+        for name, count in (("well", 6), ("crowd", 32)):
+            view = PICTURES[name]()
+            async with opened(view, size) as (app, pilot, _):
+                for k in (2.0, 4.0, 6.0):
+                    await shown(app, pilot, replace(view, time_s=view.time_s + k))
+                roomy = size[0] >= 120 and size[1] >= count + 24
+                assert ("nearest pair in the air" in text(app)) == roomy, text(app)
+                assert not [line for line in app._journal.entries if "failed" in line.text]
+
+    asyncio.run(go())

@@ -43,11 +43,13 @@ from swarm_ctl.station.dashboard.panes.groups import group_lines
 from swarm_ctl.station.dashboard.panes.link_matrix import METRICS, listener_lines
 from swarm_ctl.station.dashboard.panes.sigma_pane import budget_used
 from swarm_ctl.station.dashboard.panes.swarm_map import SIDES, MapScale, fitted, map_lines, position
+from swarm_ctl.station.dashboard.panes.trends import trend_lines
 from swarm_ctl.station.foxglove.desk import figures
 from swarm_ctl.station.output.json_lines import json_line
 from swarm_ctl.station.picture.alarms import Alarm, Level
 from swarm_ctl.station.picture.colours import COLOURS, ON_DARK, ON_LIGHT, inks
 from swarm_ctl.station.picture.history import LOSS_WINDOW_S, LinkSeries
+from swarm_ctl.station.picture.journal import Journal
 from swarm_ctl.station.picture.link_quality import bad_links, judge, mesh_judgements
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.summaries import answers, flown_order
@@ -520,6 +522,12 @@ def test_the_title_says_what_agents_fly_that_have_broken_the_mission_off() -> No
     title = title_line(Picture(model.view(30.1)), 100).text
     assert "all fly home, step 2/4 broken off" in title
     assert "form" not in title
+    for agent in (1, 2):
+        told = {"phase": Phase.LAND, "action": FailsafeAction.RETURN, "cause": Cause.ORDER}
+        model.fold(state_of(PLAN, agent, 30.2, 1202, phase=Phase.LAND), 30.2)
+        model.fold(status_of(PLAN, agent, 30.2, **told), 30.2)
+    title = title_line(Picture(model.view(30.2)), 100).text
+    assert "4 fly home, 2 land, step 2/4 broken off" in title
 
 
 def test_an_accepted_command_has_no_colour_of_an_error_and_a_refused_one_has() -> None:
@@ -568,6 +576,30 @@ def test_homes_path_and_fence_are_on_the_map() -> None:
         return "\n".join(line.text for line in map_lines(picture, 90, 40))
 
     assert (drawn(3).count("⌂"), drawn(3).count("×"), drawn(4).count("×")) == (5, 3, 1)
+
+
+def test_trends_fall_with_their_values_and_have_their_bound() -> None:
+    """A point a second, over the last four minutes; where nothing was known there is no line."""
+    journal, view = Journal(), PICTURES["well"]()
+    for k in range(3000):
+        left = 1.0 - k / 2999
+        agents = tuple(replace(agent, nearest_m=20.0 * left + 1.0) for agent in view.agents)
+        error_m = None if 2400 < k < 2900 else 8.0 * left
+        told = replace(view, time_s=30.0 + 0.1 * k, agents=agents, error_m=error_m)
+        journal.update(told)
+    times = [point.time_s for point in journal.trends]
+    assert times[-1] - times[0] == pytest.approx(240.0)
+    assert len(times) == 241
+    lines = trend_lines(Picture(view, trends=journal.trends), 80, 14)
+    assert {len(line.text) for k, line in enumerate(lines) if k % 7} == {80}
+    (near, *curve), (error, *other) = lines[:7], lines[7:]
+    assert near.text == " nearest pair in the air, last 240 s  1.06 m  r_in 2.5 m"
+    assert error.text.startswith(" formation error, last 240 s")
+    assert "".join(line.text[-1] for line in curve).strip() != ""
+    rows = [next(k for k, line in enumerate(curve) if line.text[x].strip()) for x in (9, 40, 79)]
+    assert rows == sorted({*rows})
+    assert "red" in str(curve[-1].segments[0].style) + str(curve[-1].segments[-2].style)
+    assert not "".join(line.text[61:76] for line in other).strip()  # 270 to 320 s of 90 to 330 s
 
 
 def test_a_target_is_on_the_map_with_the_age_of_old_news() -> None:

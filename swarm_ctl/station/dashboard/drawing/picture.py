@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from swarm_ctl.core.model.plan import Point
 from swarm_ctl.station.picture.alarms import FOLLOWS, Alarm, Level
 from swarm_ctl.station.picture.colours import ON_DARK, group_names
-from swarm_ctl.station.picture.journal import JournalLine
+from swarm_ctl.station.picture.journal import JournalLine, TrendPoint
 from swarm_ctl.station.picture.view import SwarmView
 
 
@@ -55,6 +55,7 @@ class Picture:
     unacknowledged: int = 0
     """Alarms that the operator has not acknowledged."""
     chosen: Chosen = field(default_factory=Chosen)
+    trends: tuple[TrendPoint, ...] = ()
     palette: tuple[str, ...] = ON_DARK
     """The colours of agents and groups on this screen, by their numbers (`colours.inks`)."""
 

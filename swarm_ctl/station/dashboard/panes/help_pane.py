@@ -52,6 +52,7 @@ lines | neighbours; green well, yellow bad or nearly too long, red lost
 table | up: height; error: distance from its place in the shape; nearest: how near which agent is;
   age: of its last state; late: of its ticks, the p99. Dimmed: it ended, or follows another agent
   that failed
+curves | the nearest pair in the air, with r_in, and the formation's error, over the last minutes
 links | a row listens, a column speaks; trip: there and back. Yellow: a state older than
   {1000 * AGE_WARNING_S:.0f} ms or {LOSS_WARNING:.0%} lost in 10 s; red:
   {1000 * AGE_ERROR_S:.0f} ms or {LOSS_ERROR:.0%}.

@@ -1,4 +1,4 @@
-"""The swarm screen: the groups and the table of agents, the newest of the log, the map."""
+"""The swarm screen: the groups and the table of agents, the newest of the log, trends, the map."""
 
 from __future__ import annotations
 
@@ -16,11 +16,14 @@ from swarm_ctl.station.dashboard.panes.groups import group_lines
 from swarm_ctl.station.dashboard.panes.log_pane import EntryLog, passes
 from swarm_ctl.station.dashboard.panes.pane import Pane
 from swarm_ctl.station.dashboard.panes.swarm_map import MapScale, fitted, map_lines
+from swarm_ctl.station.dashboard.panes.trends import LEAST_ROWS, MOST_ROWS, trend_lines
 
 _WIDE: Final = 120
 """From this width on the map stands beside the table, not under it."""
 _TALL: Final = 14
 """From this height on a narrow screen has lines of the log between table and map."""
+_LOG: Final = 8
+"""Lines that trends leave to the log."""
 _RECENT: Final = 60
 """Entries of the log beside the map: more than a terminal has lines."""
 
@@ -33,6 +36,7 @@ class SwarmPane(Pane):
             yield Painted("groups")
             yield AgentTable("agents")
             yield EntryLog("recent")
+            yield Painted("trends")
         yield Painted("map")
 
     def on_resize(self, event: Resize) -> None:
@@ -61,4 +65,13 @@ class SwarmPane(Pane):
             newest = picture.entries[-_RECENT:]
             shown = [entry for entry in newest if passes(entry, picture.chosen)]
             recent.show(shown, short=not self.has_class("wide"))
+        trends = self.query_one("#trends", Painted)
+        spare = self.size.height - len(picture.view.agents) - len(picture.view.groups) - _LOG
+        rows = min(spare, MOST_ROWS)
+        fits = self.has_class("wide") and rows >= LEAST_ROWS
+        lines = trend_lines(picture, recent.size.width, rows) if fits else []
+        trends.display = bool(lines)
+        if lines:
+            trends.styles.height = rows
+            trends.paint(lines)
         drawing.paint(map_lines(picture, *drawing.room))
