@@ -254,7 +254,8 @@ def overlay(histories: Sequence[RunHistory]) -> Figure:
         times = history.flight.time_s - history.first_form_s()
         largest = -least(-np.linalg.norm(history.deviations(), axis=-1))
         known |= bool((largest > 0).any())
-        style = {"linewidth": 1.2, **line_style(k)}
+        # equal runs lie over each other: each one beneath is broader
+        style = {"linewidth": 1.2 + 1.4 * (len(histories) - 1 - k), **line_style(k)}
         name = printable(history.name).replace("$", r"\$")  # else matplotlib reads a formula
         near.plot(times, least(history.nearest()), label=name, **style)
         away.plot(times, largest, **style)

@@ -16,21 +16,16 @@ from swarm_ctl.errors import InputError
 
 def plot(plan: Plan, file: Path) -> None:
     """Draw `plan` into `file` (.png, .svg, .pdf)."""
-    import matplotlib as mpl
+    from swarm_ctl.report.page.drawing import figure, write
 
-    mpl.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(figsize=(9, 9))
+    made, axes = figure(plan.name, 7.5, 6.0)
+    _draw(plan, axes)
     try:
-        _draw(plan, axes)
-        figure.savefig(file, dpi=120, bbox_inches="tight")
+        write(made, file)
     except (OSError, ValueError) as error:
         raise InputError(
             f"--plot {file}: {error}; allowed: a .png, .svg or .pdf that can be written"
         ) from None
-    finally:
-        pyplot.close(figure)
 
 
 def _draw(plan: Plan, axes: Any) -> None:
@@ -38,17 +33,17 @@ def _draw(plan: Plan, axes: Any) -> None:
     starts = dict(zip((agent.id for agent in plan.agents), start.places_m(), strict=True))
     for i, j in graph.edges({agent.id: agent.neighbours for agent in plan.agents}):
         axes.plot(*_east_north([starts[i], starts[j]]), color="0.8", lw=0.8, zorder=1)
-    axes.scatter(*_east_north(starts.values()), c="k", label="starts", zorder=3)
+    axes.scatter(*_east_north(starts.values()), c="k", s=14, label="starts", zorder=3)
     for agent, (north, east) in starts.items():
-        axes.annotate(str(agent), (east, north), textcoords="offset points", xytext=(5, 5))
+        beside = {"textcoords": "offset points", "xytext": (3, 3), "fontsize": "small"}
+        axes.annotate(str(agent), (east, north), **beside)
     _draw_steps(plan, axes)
     _draw_zones(plan, axes)
     if plan.fence is not None and plan.fence.polygon_m:
         corners = [*plan.fence.polygon_m, plan.fence.polygon_m[0]]
         axes.plot(*_east_north(corners), "r--", lw=1, label="geofence")
-    axes.set(title=plan.name, xlabel="east of the origin [m]", ylabel="north of the origin [m]")
+    axes.set(xlabel="east of the origin [m]", ylabel="north of the origin [m]")
     axes.set_aspect("equal")
-    axes.grid(alpha=0.3)
     axes.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
 
 
@@ -82,7 +77,8 @@ def _draw_steps(plan: Plan, axes: Any) -> None:
     colours = {EVERYONE: "k"} | dict(zip(names, itertools.cycle(COLOURS[:-1]), strict=False))
     for at in plan.all_steps():
         whose = f"{at.group.name}: " if names else ""
-        style = {"color": colours[at.group.name]} if names else {}
+        own = COLOURS[(at.number - 1) % (len(COLOURS) - 1)]
+        style = {"color": colours[at.group.name] if names else own}
         label = f"{whose}{at.number} {at.name}{'' if at.step.file is None else ' in file'}"
         if way_m := at.step.way_m:
             axes.plot(*_east_north([at.before.centre_m, *way_m]), lw=1.5, label=label, **style)

@@ -8,15 +8,15 @@ from typing import Final
 from swarm_ctl.core.model.plan import EVERYONE, Plan
 
 COLOURS: Final = (
-    *("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00"),
-    *("#56B4E9", "#8C564B", "#7F7F7F", "#000000"),
+    *("#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#8C564B"),
+    *("#E69F00", "#D55E00", "#7F7F7F", "#000000"),
 )
-"""Colour-blind readers can tell them apart (Okabe and Ito)."""
+"""Colour-blind readers can tell them apart (Okabe and Ito); last those that look like alarms."""
 ON_DARK: Final = (*COLOURS[:-1], "#FFFFFF")
 """The same as words on a dark screen."""
 ON_LIGHT: Final = (
-    *("#005A8C", "#B04A00", "#007857", "#A84A80", "#8F6200"),
-    *("#1F7DB4", "#7A4A40", "#6A6A6A", "#000000"),
+    *("#005A8C", "#007857", "#A84A80", "#1F7DB4", "#7A4A40"),
+    *("#8F6200", "#B04A00", "#6A6A6A", "#000000"),
 )
 """And on a light one: darker, or they could not be read."""
 
