@@ -261,8 +261,8 @@ class Dashboard(App[None]):
             journal.entries,
             journal.unacknowledged,
             self._chosen,
-            journal.trends,
-            ON_DARK if self.current_theme.dark else ON_LIGHT,
+            trends=journal.trends,
+            palette=ON_DARK if self.current_theme.dark else ON_LIGHT,
         )
 
     @property

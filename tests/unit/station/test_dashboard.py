@@ -507,9 +507,9 @@ def test_sorting_keeps_all_agents_and_puts_the_unknown_last(title: str) -> None:
         for backwards in (False, True):
             order = in_order(Picture(picture, chosen=Chosen(sort=title, backwards=backwards)))
             assert {agent.id for agent in order} == {1, 2, 3, 4, 5, 6}
-    by_charge = in_order(Picture(view, chosen=Chosen(sort="batt%")))
+    by_charge = in_order(Picture(view, chosen=Chosen(sort="bat%")))
     assert by_charge[0].id == 4
-    assert in_order(Picture(waiting, chosen=Chosen(sort="batt%")))[-1].id == 6
+    assert in_order(Picture(waiting, chosen=Chosen(sort="bat%")))[-1].id == 6
 
 
 HOSTILE = "\x1b[2J\x1b]0;owned\x07[bold red]x[/]\r\n‮31m 漢字 " * 3

@@ -55,8 +55,8 @@ class Picture:
     unacknowledged: int = 0
     """Alarms that the operator has not acknowledged."""
     chosen: Chosen = field(default_factory=Chosen)
-    trends: tuple[TrendPoint, ...] = ()
-    palette: tuple[str, ...] = ON_DARK
+    trends: tuple[TrendPoint, ...] = field(default=(), kw_only=True)
+    palette: tuple[str, ...] = field(default=ON_DARK, kw_only=True)
     """The colours of agents and groups on this screen, by their numbers (`colours.inks`)."""
 
     def group_ink(self, name: str) -> str:

@@ -4,7 +4,7 @@ marks."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from swarm_ctl.commands.parse import group_names
@@ -125,29 +125,29 @@ def _group(agent: AgentView, picture: Picture, _: int) -> tuple[str, str]:
 
 
 _STEP: Final = AgentColumn(
-    Heading("step", 16, left=True), _step, lambda a: a.newest and (a.newest.step, a.id)
+    Heading("step", 15, left=True), _step, lambda a: a.newest and (a.newest.step, a.id)
 )
-_MODE: Final = AgentColumn(Heading("mode", 9, left=True), _mode, _status(lambda s: s.mode))
-_GROUP: Final = AgentColumn(Heading("group", 9, left=True), _group, lambda a: a.id)
+_MODE: Final = AgentColumn(Heading("mode", 8, left=True), _mode, _status(lambda s: s.mode))
+_GROUP: Final = AgentColumn(Heading("group", 8, left=True), _group, lambda a: a.id)
 """In the place of the mode, where a mission has groups."""
 _COLUMNS: Final[tuple[AgentColumn, ...]] = (
     AgentColumn(Heading("phase", 7, left=True), _phase, lambda a: a.phase),
     _STEP,
     _MODE,
     AgentColumn(Heading("armed", 5), _armed, _status(lambda s: s.armed)),
-    _number("batt%", 5, 0, _status(lambda s: s.battery_percent)),
+    _number("bat%", 4, 0, _status(lambda s: s.battery_percent)),
     _number("up m", 4, 1, _height_m),
     _number("m/s", 4, 1, _speed_mps),
     _number("error m", 7, 2, lambda a: a.error_m),
     AgentColumn(Heading("nearest m", 10), _nearest, lambda a: a.nearest_m),
-    AgentColumn(Heading("age s", 5), _age, lambda a: a.link.age_s),
+    AgentColumn(Heading("heard s", 7), _age, lambda a: a.link.age_s),
     _number("ticks/s", 7, 1, lambda a: a.link.tick_rate_hz),
     _number("late ms", 7, 1, _status(lambda s: s.tick.late_p99_ms if s.tick.count else None)),
 )
 _OF_TICKS: Final = ("ticks/s", "late ms")
 """For roomy tables: an alarm tells where they matter."""
 _NARROW: Final = tuple(
-    AgentColumn(Heading("step", 8, left=True), _step, c.key) if c is _STEP else c
+    replace(c, heading=replace(c.heading, width=8)) if c is _STEP else c
     for c in _COLUMNS
     if c.heading.title not in _OF_TICKS
 )
@@ -183,7 +183,7 @@ class AgentTable(CellTable):
     def draw(self, picture: Picture) -> None:
         columns = _COLUMNS if self.room >= _ROOMY else _NARROW
         if group_names(picture.view.plan):
-            columns = tuple(_GROUP if each is _MODE else each for each in columns)
+            columns = tuple(_GROUP if c.heading.title == "mode" else c for c in columns)
         self.titles = ("id", *(column.heading.title for column in columns))
         headings = [_titled(h, picture) for h in (_ID, *(column.heading for column in columns))]
         rest = self.room - sum(heading.width + 1 for heading in headings) - 1

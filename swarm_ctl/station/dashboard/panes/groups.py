@@ -11,7 +11,7 @@ from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.summaries import flown_order
 from swarm_ctl.station.picture.view import GroupView, SwarmView
 
-_LONGEST: Final = 9
+_LONGEST: Final = 8
 """Cells of a group's name."""
 
 

@@ -50,7 +50,7 @@ groups | a line for each that flies now: its step of how many, agents, how far i
 from a side | heights above the origin at the left, on a scale of their own
 lines | neighbours; green well, yellow bad or nearly too long, red lost
 table | up: height; error: distance from its place in the shape; nearest: how near which agent is;
-  age: of its last state; late: of its ticks, the p99. Dimmed: it ended, or follows another agent
+  heard: how long ago; late: of its ticks, the p99. Dimmed: it ended, or follows another agent
   that failed
 curves | the nearest pair in the air, with r_in, and the formation's error, over the last minutes
 links | a row listens, a column speaks; trip: there and back. Yellow: a state older than
