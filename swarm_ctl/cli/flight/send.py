@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Iterator, Sequence
+from typing import Annotated
 
 import typer
 
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.options import (
     IdentityFolder,
+    RunName,
     ZenohConfig,
-    complete_runs,
     option,
     switch,
     zenoh_settings,
 )
 from swarm_ctl.core.model.messages import CommandKind
+from swarm_ctl.core.model.plan import Plan, Zone
 from swarm_ctl.core.model.text import agents_named
-from swarm_ctl.errors import InputError
-
-if TYPE_CHECKING:
-    from swarm_ctl.core.model.plan import Zone
-from collections.abc import Iterator, Sequence
-
-from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.errors import SwarmError
+from swarm_ctl.errors import InputError, SwarmError
 
 
 def send(
@@ -40,14 +35,7 @@ def send(
             metavar="WORD", help="What the command needs, as above.", autocompletion=complete_words
         ),
     ] = None,
-    run: Annotated[
-        str | None,
-        option(
-            "RUN",
-            "Its folder, or its mission.  [default: the only run in runs/ that flies]",
-            autocompletion=complete_runs,
-        ),
-    ] = None,
+    run: RunName = None,
     agents: Annotated[
         str,
         option(

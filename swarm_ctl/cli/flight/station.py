@@ -12,10 +12,12 @@ from swarm_ctl.cli.flight.agent import plan_and_fleet
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.options import (
     Attach,
+    FlownFleet,
     Headless,
     IdentityFolder,
     Json,
     OpenMesh,
+    SwarmElsewhereFile,
     ZenohConfig,
     attaching,
     complete_runs,
@@ -53,14 +55,9 @@ def station(
     run: Annotated[
         str | None, typer.Argument(metavar="RUN", help=_RUN, autocompletion=complete_runs)
     ] = None,
-    mission: Annotated[
-        Path | None,
-        option("FILE", "A mission or plan file, not a run: for a swarm on other hosts."),
-    ] = None,
+    mission: SwarmElsewhereFile = None,
     mesh: Annotated[list[str] | None, option("tcp/HOST:PORT", _MESH)] = None,
-    fleet: Annotated[
-        Path | None, option("FILE", "With --mission: the fleet file that is flown.")
-    ] = None,
+    fleet: FlownFleet = None,
     speedup: Annotated[
         float | None,
         option("FACTOR", "With --mission: of the simulated swarm.", min=0.1, max=100.0),

@@ -15,10 +15,12 @@ import typer
 from swarm_ctl.cli.flight.agent import plan_and_fleet
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.options import (
+    FlownFleet,
     IdentityFolder,
     OpenMesh,
+    RunName,
+    SwarmElsewhereFile,
     ZenohConfig,
-    complete_runs,
     option,
     switch,
     zenoh_settings,
@@ -43,25 +45,13 @@ _ICAO: Final = "mavlink: the aircraft with this ICAO address, as an ADS-B receiv
 def target(
     name: Annotated[str, typer.Argument(metavar="TARGET", help="One of the mission's targets.")],
     source: Annotated[str, option("SOURCE", _FROM, "--from")],
-    run: Annotated[
-        str | None,
-        option(
-            "RUN",
-            "Its folder, or its mission.  [default: the only run in runs/ that flies]",
-            autocompletion=complete_runs,
-        ),
-    ] = None,
-    mission: Annotated[
-        Path | None,
-        option("FILE", "A mission or plan file, not a run: for a swarm on other hosts."),
-    ] = None,
+    run: RunName = None,
+    mission: SwarmElsewhereFile = None,
     mesh: Annotated[
         list[str] | None,
         option("tcp/HOST:PORT", "With --mission: where an agent listens; repeat it for each."),
     ] = None,
-    fleet: Annotated[
-        Path | None, option("FILE", "With --mission: the fleet file that is flown.")
-    ] = None,
+    fleet: FlownFleet = None,
     late: Annotated[
         float, option("S", "How old a position is when the receiver tells it.", min=0.0, max=2.0)
     ] = 0.2,

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
+from rich.table import Table
+from rich.text import Text
 
 from swarm_ctl.cli.flight.agent import EXPECT_STATION, plan_and_fleet
 from swarm_ctl.cli.hosts.on_host import WITHIN
@@ -16,17 +19,9 @@ from swarm_ctl.cli.shared.options import FleetFile, OpenMesh, option, switch
 if TYPE_CHECKING:
     from swarm_ctl.core.model.fleet import Fleet
     from swarm_ctl.deploy.bundle import Bundle
-    from swarm_ctl.deploy.rollout import Hosts, HostState
-from collections import Counter
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
-
-from rich.table import Table
-from rich.text import Text
-
-if TYPE_CHECKING:
     from swarm_ctl.deploy.report import HostReport
-    from swarm_ctl.deploy.rollout import HostState
+    from swarm_ctl.deploy.rollout import Hosts, HostState
+
 
 _WAIT: Final = "How long to wait for hosts that are offline."
 _RESTART: Final = "Agents that run are landed first, on all hosts; then all start."

@@ -3,34 +3,29 @@
 from __future__ import annotations
 
 import dataclasses
+import getpass
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
+from rich.table import Table
 
+from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.options import endpoint_option, option, switch
 from swarm_ctl.engine.system import lacks, refuse_without
 from swarm_ctl.errors import InputError, TrustError
 from swarm_ctl.installed import require
-from swarm_ctl.trust.names import KeyHolder, Role, swarm_named_after
-
-if TYPE_CHECKING:
-    from swarm_ctl.mavlink.key_setup import KeyReport
-import getpass
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
-
-from rich.table import Table
-
-from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.trust.names import LOOPBACK
+from swarm_ctl.trust.names import LOOPBACK, KeyHolder, Role, swarm_named_after
 
 if TYPE_CHECKING:
     from swarm_ctl.core.model.fleet import Fleet
+    from swarm_ctl.mavlink.key_setup import KeyReport
     from swarm_ctl.trust.check import FleetNames, MemberReport, TrustReport
     from swarm_ctl.trust.provision import Terms
+
 
 _FINE, _ATTENTION = 0, 1
 

@@ -69,6 +69,11 @@ RunFolder = Annotated[
         autocompletion=complete_runs,
     ),
 ]
+_RUN_NAME = "Its folder, or its mission.  [default: the only run in runs/ that flies]"
+RunName = Annotated[str | None, option("RUN", _RUN_NAME, autocompletion=complete_runs)]
+_ELSEWHERE = "A mission or plan file, not a run: for a swarm on other hosts."
+SwarmElsewhereFile = Annotated[Path | None, option("FILE", _ELSEWHERE)]
+FlownFleet = Annotated[Path | None, option("FILE", "With --mission: the fleet file that is flown.")]
 _IDENTITY = (
     "The folder with the own keys (swarm-ctl trust).  [default: the only operator of the fleet's"
     " trust]"

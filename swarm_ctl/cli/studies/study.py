@@ -13,13 +13,12 @@ import typer
 from typer.main import get_command
 
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.options import Processes, option, require_writable
+from swarm_ctl.cli.shared.options import Processes, Seed, option, require_writable
 from swarm_ctl.errors import InputError
 from swarm_ctl.installed import require
 
 if TYPE_CHECKING:
     from swarm_ctl.study.parameter_space import Study
-from swarm_ctl.cli.shared.options import Seed
 
 
 def _one(metavar: str, text: str, default: float | str) -> Any:

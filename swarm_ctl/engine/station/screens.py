@@ -8,25 +8,23 @@ import queue
 import select
 import sys
 import threading
+from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Final, Protocol
 
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.engine.station.printers import JsonPrinter, LogPrinter
+from swarm_ctl.engine.station.printers import JsonPrinter, LogPrinter, Printer, write
 from swarm_ctl.errors import InputError
-from swarm_ctl.rim import explained
+from swarm_ctl.rim import Rim, explained
 from swarm_ctl.signals import ended_by
 from swarm_ctl.station.picture.view import SwarmView
 
 if TYPE_CHECKING:
     from swarm_ctl.station.dashboard.app import Dashboard
-from collections import deque
-from dataclasses import replace
 
-from swarm_ctl.engine.station.printers import Printer, write
-from swarm_ctl.rim import Rim
 
 _TTY: Final = "/dev/tty"
 _WEB_DRIVER: Final = "textual.drivers.web_driver:WebDriver"

@@ -7,23 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-
-from swarm_ctl.core.law.formation import distances, formation_error
-from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
-from swarm_ctl.core.model.plan import GroupPlan, Plan
-from swarm_ctl.core.model.steps.form import FormStep
-from swarm_ctl.core.model.text import agents_named
-from swarm_ctl.errors import MissionError
-from swarm_ctl.mission.input.units import said
-from swarm_ctl.mission.steps.table import kind_of, place_of
-
-if TYPE_CHECKING:
-    from swarm_ctl.mission.compile.loader import LoadedMission
-from typing import Final
 
 from swarm_ctl.core.control.navigation import climb_rate
 from swarm_ctl.core.kernel.constraints import Other, constrains, fits, kept, margins_of, tight
@@ -42,13 +29,23 @@ from swarm_ctl.core.kernel.response import (
     unknown,
 )
 from swarm_ctl.core.kernel.wish import NO_RELEASE, limited, noted, pull, swirled, turned
-from swarm_ctl.core.law.formation import apart_in_height
+from swarm_ctl.core.law.formation import apart_in_height, distances, formation_error
 from swarm_ctl.core.model.arrays import Bools, Floats, complex_of, plane_of
-from swarm_ctl.core.model.plan import HEIGHT_DOUBT_M, Compensation
+from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
+from swarm_ctl.core.model.plan import HEIGHT_DOUBT_M, Compensation, GroupPlan, Plan
+from swarm_ctl.core.model.steps.form import FormStep
+from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.safety.own_way import OwnWay, wish_on
 from swarm_ctl.core.safety.surroundings import Surroundings
 from swarm_ctl.core.safety.ways import WayMap
+from swarm_ctl.errors import MissionError
 from swarm_ctl.law_loader import law_of
+from swarm_ctl.mission.input.units import said
+from swarm_ctl.mission.steps.table import kind_of, place_of
+
+if TYPE_CHECKING:
+    from swarm_ctl.mission.compile.loader import LoadedMission
+
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Links: TypeAlias = Sequence[tuple[int, ...]]
