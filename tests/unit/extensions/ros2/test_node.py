@@ -266,7 +266,8 @@ def behind(folder: Path | None, port: int) -> Iterator[zenoh.Session]:
 
 
 def test_keys_guard_the_link_to_ros(trust: Path) -> None:
-    """A viewer's machine hears and may not order, an operator's may, and no one else gets in."""
+    """A viewer's machine hears and may not order, nor say that agents are behind it; an operator's
+    may, and no one else gets in."""
     (port,) = free_ports(1, socket.SOCK_STREAM)
     where = f'connect/endpoints=[];listen/endpoints=["tls/127.0.0.1:{port}"]'
     identity = load_identity(trust / "operator-anna")
@@ -292,6 +293,17 @@ def test_keys_guard_the_link_to_ros(trust: Path) -> None:
         ear.undeclare()
         return bool(heard)
 
+    def announced(node: zenoh.Session, name: str) -> bool:
+        """As an agent's node is; the link works already."""
+        token = f"@ros2_lv/{DOMAIN}/{node.info.zid()}/0/0/NN/%/%/{name}"
+        declared = node.liveliness().declare_token(token)
+        end = time.monotonic() + 2.0
+        while name not in made.others() and time.monotonic() < end:
+            time.sleep(0.02)
+        seen = name in made.others()
+        declared.undeclare()
+        return seen
+
     def ordered(node: zenoh.Session) -> bool:
         return any(reply.ok for reply in node.get(key, attachment=asked, timeout=2.0))
 
@@ -300,10 +312,12 @@ def test_keys_guard_the_link_to_ros(trust: Path) -> None:
         tokens = node.liveliness().get(f"@ros2_lv/{DOMAIN}/**")
         assert len([each for each in tokens if each.ok]) == 3
         assert not ordered(node)
+        assert not announced(node, "swarm_ctl_drone_1")  # a station would tell no drone 1 then
     assert not orders
     with behind(trust / "operator-ros", port) as node:
         assert hears(node)
         assert ordered(node)
+        assert announced(node, "swarm_ctl_drone_1")
     assert orders == ["/swarm/hold"]
     with behind(None, port) as node:
         assert not hears(node, 2.0)
