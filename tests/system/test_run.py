@@ -1,5 +1,5 @@
 """`swarm-ctl run` with real processes, each kind of them killed in flight: in lockstep, and in real
-time on demand."""
+time on demand (`test_kills.py` has all phases)."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.on_demand import on_demand
 from tests.system.running import HEXAGON, LOW, Running
 
 pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(300)]
@@ -42,18 +43,10 @@ def assert_truth_ends_on_the_ground(folder: Path) -> None:
     assert not any(last["airborne"])
 
 
-@pytest.mark.parametrize(
-    ("run", "step"),
-    [
-        pytest.param(LOCKSTEP, 1, id="lockstep-1", marks=pytest.mark.long),
-        pytest.param(LOCKSTEP, 2, id="lockstep-2"),
-        pytest.param(RUN, 2, id="3-2", marks=(pytest.mark.long, pytest.mark.realtime)),
-        pytest.param(RUN, 1, id="3-1", marks=(pytest.mark.long, pytest.mark.realtime)),
-    ],
-)
-def test_agent_killed(tmp_path: Path, run: Command, step: int) -> None:
+@pytest.mark.parametrize("step", [on_demand(1), 2])
+def test_agent_killed(tmp_path: Path, step: int) -> None:
     """Its vehicle's failsafe lands it, the others hold and land; the run fails and says so."""
-    with Running(*run, cwd=tmp_path) as running:
+    with Running(*LOCKSTEP, cwd=tmp_path) as running:
         running.wait_for_event(f"step {step}:", 3)
         running.kill("agent-3")
         assert running.wait() == 1, running.output
@@ -66,10 +59,9 @@ def test_agent_killed(tmp_path: Path, run: Command, step: int) -> None:
         assert_apart(running.folder)
 
 
-@BOTH
-def test_station_killed(tmp_path: Path, run: Command) -> None:
+def test_station_killed(tmp_path: Path) -> None:
     """The mission's policy (land): the agents come down, `run` writes the summary."""
-    with Running(*run, cwd=tmp_path) as running:
+    with Running(*LOCKSTEP, cwd=tmp_path) as running:
         running.wait_for_event("step 2:", 3)
         running.kill("station")
         assert running.wait() == 1, running.output
@@ -81,10 +73,9 @@ def test_station_killed(tmp_path: Path, run: Command) -> None:
         assert_apart(running.folder)
 
 
-@BOTH
-def test_simulator_killed(tmp_path: Path, run: Command) -> None:
+def test_simulator_killed(tmp_path: Path) -> None:
     """The vehicles are gone: every agent ends, the truth up to then is there, the run failed."""
-    with Running(*run, cwd=tmp_path) as running:
+    with Running(*LOCKSTEP, cwd=tmp_path) as running:
         running.wait_for_event("step 2:", 3)
         running.kill("simulator")
         assert running.wait() == 1, running.output
@@ -95,10 +86,9 @@ def test_simulator_killed(tmp_path: Path, run: Command) -> None:
         assert_apart(running.folder)
 
 
-@BOTH
-def test_run_itself_killed(tmp_path: Path, run: Command) -> None:
+def test_run_itself_killed(tmp_path: Path) -> None:
     """Agents land and end, then the simulator, and the station writes the summary."""
-    with Running(*run, cwd=tmp_path) as running:
+    with Running(*LOCKSTEP, cwd=tmp_path) as running:
         running.wait_for_event("step 2:", 3)
         os.kill(running.process.pid, signal.SIGKILL)
         running.process.wait()
@@ -106,21 +96,6 @@ def test_run_itself_killed(tmp_path: Path, run: Command) -> None:
         assert running.summary()["outcome"] == "aborted"
         assert_truth_ends_on_the_ground(running.folder)
         assert_apart(running.folder)
-
-
-@pytest.mark.realtime
-@pytest.mark.long
-def test_ctrl_c_lands_first(tmp_path: Path) -> None:
-    """One Ctrl-C in flight: an acknowledged land command, all vehicles down, exit 130
-    (`test_terminal.py`: as a key, in lockstep, every day)."""
-    with Running(*RUN, cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 3)
-        running.interrupt()
-        assert running.wait() == 130, running.output
-        running.assert_nothing_left()
-        assert running.summary()["outcome"] == "aborted"
-        assert set(running.summary()["exit_codes"].values()) == {0}
-        assert_truth_ends_on_the_ground(running.folder)
 
 
 @BOTH
@@ -159,21 +134,6 @@ def test_ctrl_c_on_the_ground(tmp_path: Path) -> None:
         running.interrupt()
         assert running.wait(30) == 130, running.output
         running.assert_nothing_left()
-
-
-@pytest.mark.realtime
-@pytest.mark.long
-def test_a_hung_agent_does_not_hang_the_run(tmp_path: Path) -> None:
-    """SIGSTOP: its vehicle holds by its own failsafe, the others land, `run` ends it and
-    reports (`test_lockstep.py`: the same every day)."""
-    with Running(*RUN, cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 3)
-        running.kill("agent-2", signal.SIGSTOP)
-        assert running.wait() == 1, running.output
-        running.assert_nothing_left()
-        assert running.summary()["outcome"] == "failed"
-        assert_truth_ends_on_the_ground(running.folder)
-        assert_apart(running.folder)
 
 
 # --- what does not start ---
