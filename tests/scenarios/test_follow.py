@@ -168,8 +168,8 @@ def circle(seconds: float) -> tuple[complex, complex]:
 @pytest.mark.parametrize(
     ("at", "most_m", "late_s", "lost"),
     [
-        (straight, 0.6, 0.0, 0.0),
         (circle, 1.0, 0.3, 0.2),
+        on_demand(straight, 0.6, 0.0, 0.0),
         on_demand(straight, 0.6, 0.3, 0.2),
         on_demand(circle, 1.0, 0.0, 0.0),
     ],

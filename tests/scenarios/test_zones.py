@@ -505,7 +505,7 @@ def test_a_return_that_a_zone_holds_up_names_it() -> None:
     assert any("timed out after 60 s" in why and "no way past zone r" in why for why in reasons)
 
 
-@pytest.mark.parametrize("by", ["mission", "order"])
+@pytest.mark.parametrize("by", ["mission", on_demand("order")])
 def test_who_starts_in_a_zone_that_was_added_lands_beside_it(by: str) -> None:
     """Two of four: each says so as its return begins, and comes down where the zone lets it come no
     nearer, apart from the other. It hovered there for minutes before."""
