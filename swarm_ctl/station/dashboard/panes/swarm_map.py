@@ -517,6 +517,6 @@ class _Drawing:
         cells = max(2, round(length_m * dots_per_m / 2))
         canvas.words(1, canvas.height - 1, f"├{'─' * (cells - 2)}┤ {length_m:g} m", "dim")
         words, row = SIDES[self.scale.seen_from], 0
-        if self.scale.seen_from in _ASIDE:
+        if self.scale.seen_from != "above":
             row = canvas.height - 1  # heights and targets have words at the top
         canvas.words(canvas.width - len(words) - 1, row, words, "dim")
