@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from swarm_ctl.station.dashboard.drawing.canvas import Canvas
+from swarm_ctl.station.dashboard.drawing.canvas import Canvas, Floats
 from swarm_ctl.station.dashboard.drawing.picture import Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import StyledLine, fit
 from swarm_ctl.station.picture.journal import TREND_S
@@ -15,6 +15,8 @@ from swarm_ctl.station.picture.journal import TREND_S
 LEAST_ROWS, MOST_ROWS = 10, 16
 """Of both strips: a title and a curve each."""
 _SPANS_S: Final = (60.0, 120.0, TREND_S)
+_FINE: Final = 16
+"""Dots of a curve for each cell, so that a steep one has no holes."""
 _GAP_S: Final = 5.0
 """Between two points that are farther apart there is no line: nothing was known."""
 
@@ -49,22 +51,21 @@ def _strip(
     canvas = Canvas(width, rows)
     wide, high = 2.0 * width - 1.0, 4.0 * rows - 1.0
 
-    def dot(time_s: float, value: float) -> tuple[float, float]:
-        return wide * (1.0 - (now_s - time_s) / span_s), high * (1.0 - value / top)
+    def draw(share: Floats, values: Floats, name: str) -> None:
+        canvas.dots(wide * share, high * (1.0 - values / top), name)
 
     if bound is not None:
-        canvas.line(dot(now_s - span_s, bound[1]), dot(now_s, bound[1]), "red dim", every=4.0)
-    before: tuple[float, float] | None = None
-    for time_s, value in points:
-        if value is None:
-            before = None
-            continue
-        if before is None or time_s - before[0] > _GAP_S:
-            x, y = dot(time_s, value)
-            canvas.dots(np.array([x]), np.array([y]), "")
-        else:
-            canvas.line(dot(*before), dot(time_s, value), "")
-        before = time_s, value
+        share = np.linspace(0.0, 1.0, width // 2)
+        draw(share, np.full(len(share), bound[1]), "red dim")
+    known = np.array([point for point in points if point[1] is not None], dtype=np.float64)
+    if len(known) > 1:
+        times_s, values = known.T
+        share = np.linspace(0.0, 1.0, _FINE * width)
+        at_s = now_s - span_s * (1.0 - share)
+        after = np.searchsorted(times_s, at_s).clip(1, len(times_s) - 1)
+        shown = (at_s >= times_s[0]) & (at_s <= times_s[-1])
+        shown &= times_s[after] - times_s[after - 1] <= _GAP_S
+        draw(share[shown], np.interp(at_s, times_s, values)[shown], "")
     canvas.words(1, 0, f"{top:.3g} m", "dim")
     canvas.words(1, rows - 1, "0", "dim")
     head = StyledLine(f" {title}, last {span_s:g} s", "bold dim").add(
