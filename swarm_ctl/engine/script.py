@@ -141,9 +141,9 @@ class ScriptedAgent:
         ahead_s, drift = self._clock
         return swarm_s * (1.0 + drift) + ahead_s
 
-    def told(self, state: AgentState | None) -> AgentState | None:
+    def told(self, state: AgentState) -> AgentState:
         """The agent's state as it tells it."""
-        return state if state is None or self._untruth is None else self._untruth.of(state)
+        return state if self._untruth is None else self._untruth.of(state)
 
     def turn(self, now: float) -> None:
         """At the end of a tick."""

@@ -10,31 +10,21 @@ import hashlib
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from swarm_ctl.core.agent.agent import Actions, Agent, Ended, Inbox
+from swarm_ctl.core.agent.agent import Agent
 from swarm_ctl.core.kernel.boundary import FOLLOW_TICKS
-from swarm_ctl.core.model.messages import (
-    AgentState,
-    AgentStatus,
-    Command,
-    Event,
-    Glimpse,
-    Phase,
-    StationBeacon,
-)
+from swarm_ctl.core.model.messages import AgentState, Command, Event, Phase, StationBeacon
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.engine.agent.publish import listen, publish
+from swarm_ctl.engine.agent.shell import AgentShell, listen, vehicle_link
 from swarm_ctl.engine.collector import collected_rarely
 from swarm_ctl.engine.launch.sim_config import simulator_config
 from swarm_ctl.engine.vehicle_memory import Remembering, VehicleMemory
 from swarm_ctl.law_loader import own_law_of
-from swarm_ctl.mavlink.autopilots.timing import streams_hz
-from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.signing import UNITS_S, LinkSigning
 from swarm_ctl.mavlink.wires import MemoryWire, memory_wires
 from swarm_ctl.mesh import keys
@@ -52,33 +42,32 @@ _PORT = 1000
 _AGENT = ("agent", 1)
 
 
-@dataclass
-class VirtualAgent:
-    """One agent with its links."""
+class VirtualAgent(AgentShell):
+    """One agent with its links. It hears a peer, in lockstep, so many ticks after the decision."""
 
-    agent: Agent
-    link: VehicleLink
-    node: Node
-    remembering: Remembering
-    alive: bool = True
-    successor: bool = False
+    follow_ticks = 0
+    alive = True
+    successor = False
     """Started for the vehicle of one that was killed."""
-    frozen: bool = False
-    ended: Ended | None = None
-    status: AgentStatus | None = None
+    frozen = False
     state: AgentState | None = None
     """As it was told last."""
-    goals: list[str] = field(default_factory=list)
     near: frozenset[int] = frozenset()
     """Its near peers in a large swarm."""
-    decided: list[frozenset[int]] = field(default_factory=list)
-    """They, in the last ticks."""
     heard: frozenset[int] = frozenset()
     """Those whose states it hears."""
-    clock: Callable[[float], float] = float
-    """From the swarm's time to the agent's own."""
-    tampered: Callable[[AgentState], AgentState] | None = None
-    """Changes the states that it sends."""
+    decided: tuple[frozenset[int], ...] = ()
+    """The near peers, in the last ticks."""
+    goals: list[str]
+
+    def follow(self, near: frozenset[int] | None) -> None:
+        if near is not None:
+            self.near = near
+        self.decided = (*self.decided, self.near)[-self.follow_ticks - 1 :]
+        heard = frozenset.intersection(*self.decided)
+        if heard != self.heard:
+            self.heard = heard
+            super().follow(heard)
 
 
 def _side_by_side(turns: Sequence[Iterator[None]]) -> None:
@@ -150,16 +139,8 @@ class VirtualSwarm:
         node = Node(self._wrap(MemoryTransport(self.mesh), agent_id), "test", agent_id)
         clock = self._clocks.get(agent_id, float)
         listen(node, plan)
-        remembers = self._memory is not None
-        link = VehicleLink(
-            near,
-            entry.autopilot,
-            entry.sysid,
-            remembers=remembers,
-            agent_sysid=entry.agent_sysid,
-            signing=self._link_signing(entry.sysid),
-            streams_hz=streams_hz(entry.radio, entry.autopilot, signed=bool(self._signed_from)),
-        )
+        signing = self._link_signing(entry.sysid)
+        link = vehicle_link(entry, near, signing, remembers=self._memory is not None)
         remembering = Remembering(self._memory, f"vehicle:{agent_id}", "test")
         expects, response = self._lockstep, entry.response
         ids = {planned.id for planned in plan.agents}
@@ -174,7 +155,9 @@ class VirtualSwarm:
             same_clock=() if agent_id in self._clocks else ids - self._clocks.keys(),
             own_law=own_law_of(plan.law),
         )
-        self.members[agent_id] = VirtualAgent(agent, link, node, remembering, clock=clock)
+        member = VirtualAgent(agent, link, node, remembering, clock)
+        member.follow_ticks, member.goals = FOLLOW_TICKS if self._lockstep else 0, []
+        self.members[agent_id] = member
         return far
 
     def _link_signing(self, sysid: int) -> LinkSigning | None:
@@ -242,69 +225,17 @@ class VirtualSwarm:
 
     def _turn(self, member: VirtualAgent) -> Iterator[None]:
         """One agent's tick, with a halt after each part of it."""
-        now = member.clock(self.now)
-        member.link.receive(now)
-        yield
-        view = member.link.view()
-        yield
-        take = member.node.take
-
-        def likely(word: Glimpse, at: float) -> bool:
-            return member.agent.likely(word, member.clock(at))
-
-        inbox = Inbox(
-            view=view,
-            states=[(state, member.clock(at)) for state, at in take(keys.STATE, likely)],
-            far=[(state, member.clock(at)) for state, at in take(keys.FAR, likely)],
-            clocks=[(news, member.clock(at)) for news, at in take(keys.CLOCK, likely)],
-            laws=[news for news, _ in member.node.take(keys.LAW)],
-            targets=[
-                (word, member.clock(at))
-                for channel in (keys.TARGET, keys.SIGHTING)
-                for word, at in member.node.take(channel)
-            ],
-            beacons=[(beacon, member.clock(at)) for beacon, at in member.node.take(keys.BEACON)],
-            commands=[command for command, _ in member.node.take(keys.COMMAND)],
-            told_to_end=self.told_to_end,
-            bad_payloads=member.node.bad_payloads,
-            refused=member.node.refused,
-        )
-        yield
-        actions = yield from member.agent.stages(now, inbox)
-        yield
-        member.link.pursue(actions.goal, now)
-        yield
-        if member.tampered is not None and actions.state is not None:
-            actions.state = member.tampered(actions.state)
-        self._publish(member, actions)
-
-    def _publish(self, member: VirtualAgent, actions: Actions) -> None:
-        publish(member.node, actions)
-        self._follow(member, actions.follow)
+        actions = yield from member.turn(self.now, self.told_to_end)
         name = type(actions.goal).__name__
-        if not member.goals or member.goals[-1] != name:
+        if member.goals[-1:] != [name]:
             member.goals.append(name)
         if actions.state is not None:
             member.state = actions.state
-        if actions.status is not None:
-            member.status = actions.status
-            member.remembering.serve(member.link, actions.status.own)
-        if actions.ended is not None:
-            member.ended, member.alive = actions.ended, False
+        if member.ended is not None:
+            member.alive = False
             member.node.close()
             if self.account is not None and member.status is not None and not member.successor:
                 self.account.ended(member.status.agent, member.status)
-
-    def _follow(self, member: VirtualAgent, near: frozenset[int] | None) -> None:
-        """In lockstep, a peer is heard so many ticks after the decision."""
-        if near is not None:
-            member.near = near
-        ticks = FOLLOW_TICKS if self._lockstep else 0
-        member.decided = [*member.decided, member.near][-ticks - 1 :]
-        heard = frozenset.intersection(*member.decided)
-        if heard != member.heard:
-            member.heard = heard
-            member.node.follow(keys.STATE, heard)
 
     def fly(self, until_s: float = 600.0) -> None:
         """Tick until every live agent has ended, at most to `until_s`."""

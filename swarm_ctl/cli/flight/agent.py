@@ -142,18 +142,10 @@ def agent(
     clock = Clock.starting_now(speedup) if begins_s is None else Clock(begins_s, speedup)
     config = AgentConfig(
         plan=plan,
-        agent_id=agent_id,
-        sysid=own.sysid,
-        agent_sysid=own.agent_sysid,
-        autopilot=own.autopilot,
-        endpoint=own.endpoint or "",
-        radio=own.radio,
-        swarm=plan.name,
-        listen=own.mesh or "",
+        own=own,
         connect=connect,
         epoch_s=clock.epoch_s,
         speedup=speedup,
-        vehicle=own.response,
         expect_station=expect_station,
         memory=state_folder(),
         flight=plan.name,
@@ -181,7 +173,7 @@ def _beside(agent: AgentConfig, domain: int) -> Companion | None:
         return Companion(
             CompanionConfig(
                 plan=agent.plan,
-                agent=agent.agent_id,
+                agent=agent.own.id,
                 epoch_s=agent.epoch_s,
                 speedup=agent.speedup,
                 stepped=agent.lockstep is not None,

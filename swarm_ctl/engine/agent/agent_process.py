@@ -1,8 +1,4 @@
-"""One agent's process: carries bytes between the links and `core.agent.Agent`, and decides nothing.
-
-Each tick: read vehicle and mesh, `step`, send the vehicle's goal first, then the rest. If this loop
-stalls, nothing is sent: the vehicle's own failsafe stops it (deadman).
-"""
+"""One agent's process: opens its links, and turns its shell each tick."""
 
 from __future__ import annotations
 
@@ -18,13 +14,13 @@ from typing import Any, Final
 
 from pydantic import TypeAdapter
 
-from swarm_ctl.core.agent.agent import Agent, Ended, Inbox
-from swarm_ctl.core.model.fleet import RadioShare, SigningPolicy
-from swarm_ctl.core.model.messages import AgentStatus, Event, Glimpse, Outcome, Refusal, Severity
-from swarm_ctl.core.model.plan import Plan, Response
+from swarm_ctl.core.agent.agent import Agent, Ended, ended
+from swarm_ctl.core.model.fleet import FleetAgent, SigningPolicy
+from swarm_ctl.core.model.messages import AgentStatus, Event, Outcome, Refusal, Severity
+from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.swarm.hearing import hears_all
 from swarm_ctl.engine.agent.narration import Narration
-from swarm_ctl.engine.agent.publish import listen, publish
+from swarm_ctl.engine.agent.shell import AgentShell, listen, vehicle_link
 from swarm_ctl.engine.clock import unix_s
 from swarm_ctl.engine.collector import collect_rarely
 from swarm_ctl.engine.companion import Companion
@@ -39,7 +35,6 @@ from swarm_ctl.engine.script import NO_SCRIPT, AgentScript, ScriptedAgent
 from swarm_ctl.engine.vehicle_memory import Remembering, VehicleMemory
 from swarm_ctl.files import replacing
 from swarm_ctl.law_loader import own_law_of
-from swarm_ctl.mavlink.autopilots.timing import streams_hz
 from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.mavlink.mirror import Mirror
 from swarm_ctl.mavlink.signing import LinkSigning as FrameSigning
@@ -55,24 +50,15 @@ from swarm_ctl.trust.identity import Identity
 
 @dataclass(frozen=True, slots=True)
 class AgentConfig:
-    """All an agent's process is told. The vehicle's `endpoint` is as in `core.model.fleet`; on
-    the mesh it listens at `listen` ('': it does not) and connects to `connect`, in a large swarm
-    the router of its host."""
+    """All an agent's process is told. On the mesh it connects to `connect`, in a large swarm the
+    router of its host."""
 
     plan: Plan
-    agent_id: int
-    sysid: int
-    agent_sysid: int
-    """What the agent itself speaks with."""
-    autopilot: str
-    endpoint: str
-    swarm: str
-    listen: str
+    own: FleetAgent
+    """Its entry in the fleet; without `mesh` it does not listen."""
     connect: tuple[str, ...]
     epoch_s: float
     speedup: float
-    vehicle: Response = field(default_factory=Response)
-    """How the vehicle answers a velocity setpoint."""
     expect_station: bool = False
     """It does not arm before it has heard a ground station."""
     report: Path | None = None
@@ -96,8 +82,6 @@ class AgentConfig:
     """The folder with the agent's own keys (`swarm-ctl trust new`); None: the mesh is open."""
     signing: SigningPolicy = SigningPolicy.OFF
     """Of the frames between agent and vehicle."""
-    radio: RadioShare | None = None
-    """What the vehicle shares with others."""
     signing_key: Path | None = None
     """The file with the key that signs them, of an agent that has no identity."""
     same_clock: tuple[int, ...] = ()
@@ -132,7 +116,7 @@ def run_agent(
     """Fly one agent to its end; the exit code: 0 when it completed or landed on command, 1 when it
     failed. `show` gets what it waits for and what happens, line by line; `companion` all that it
     says and hears."""
-    identity = own_identity(config.identity, config.agent_id)
+    identity = own_identity(config.identity, config.own.id)
     seat = take_seat(config.lockstep, TickPhase.SWARM, config.epoch_s, config.speedup)
     script = ScriptedAgent(config.script, seat.clock.now)
     with (
@@ -143,11 +127,11 @@ def run_agent(
         refused_links(identity) as links_refused,
         closing(_join_mesh(config, seat, identity, script)) as node,
     ):
-        seat.join(f"agent-{config.agent_id}", config.swarm, config.agent_id)
+        seat.join(f"agent-{config.own.id}", config.plan.name, config.own.id)
         lifeline.tell(READY)
         if companion is not None:
             node.overheard = companion.take
-        ended, status = _loop(
+        end, status = _loop(
             config,
             seat,
             link,
@@ -160,10 +144,10 @@ def run_agent(
             companion,
         )
         seat.end(last=True)
-        lifeline.tell(f"{ended.outcome}: {ended.reason}" if ended.reason else ended.outcome)
+        lifeline.tell(f"{end.outcome}: {end.reason}" if end.reason else end.outcome)
     if config.report is not None and status is not None:
         _write_report(config.report, status)
-    return 0 if ended.outcome in (Outcome.COMPLETED, Outcome.ABORTED) else 1
+    return 0 if end.outcome in (Outcome.COMPLETED, Outcome.ABORTED) else 1
 
 
 @contextmanager
@@ -194,20 +178,10 @@ def _link(
     seat: Seat,
     signing: FrameSigning | None,
 ) -> VehicleLink:
+    port, wire = config.mirror_port, seat.wire(config.own.endpoint or "")
+    mirror = None if port is None else Mirror(port, config.mirror_secret)
     remembers = config.memory is not None
-    vehicle = (seat.wire(config.endpoint), config.autopilot, config.sysid)
-    mirror = (
-        None if config.mirror_port is None else Mirror(config.mirror_port, config.mirror_secret)
-    )
-    return VehicleLink(
-        *vehicle,
-        keep,
-        remembers=remembers,
-        agent_sysid=config.agent_sysid,
-        mirror=mirror,
-        signing=signing,
-        streams_hz=streams_hz(config.radio, config.autopilot, signed=signing is not None),
-    )
+    return vehicle_link(config.own, wire, signing, keep, remembers=remembers, mirror=mirror)
 
 
 def _join_mesh(
@@ -215,18 +189,18 @@ def _join_mesh(
 ) -> Node:
     now = seat.clock.now
     transport = ZenohTransport(
-        [config.listen] if config.listen else [],
+        [config.own.mesh] if config.own.mesh else [],
         config.connect,
         now,
         seat.mesh_speedup,
         patient=seat.repeats,
-        access=access(identity, config.swarm),
-        alive=keys.alive_key(config.swarm, "agent", config.agent_id),
+        access=access(identity, config.plan.name),
+        alive=keys.alive_key(config.plan.name, "agent", config.own.id),
         own=config.zenoh,
         # what does not listen is a router's client
-        part=part_in(config.plan, () if config.listen else config.connect),
+        part=part_in(config.plan, () if config.own.mesh else config.connect),
     )
-    node = Node(script.wrap(seat.mesh(transport)), config.swarm, config.agent_id)
+    node = Node(script.wrap(seat.mesh(transport)), config.plan.name, config.own.id)
     listen(node, config.plan)
     return node
 
@@ -262,80 +236,53 @@ def _loop(
     script: ScriptedAgent,
     companion: Companion | None,
 ) -> tuple[Ended, AgentStatus | None]:
-    own = script.own_time
+    clock = script.own_time
     agent = Agent(
         config.plan,
-        config.agent_id,
-        own(seat.clock.now()),
+        config.own.id,
+        clock(seat.clock.now()),
         expect_station=config.expect_station,
-        vehicle=config.vehicle,
-        keys_end_s=own(seat.clock.now()) + valid_for_s(identity),
+        vehicle=config.own.response,
+        keys_end_s=clock(seat.clock.now()) + valid_for_s(identity),
         # in lockstep mission time has no pace: no command is old
         speedup=math.inf if config.lockstep else config.speedup,
         same_clock=config.same_clock,
         own_law=own_law_of(config.plan.law),
     )
     memory = VehicleMemory(config.memory) if config.memory else None
-    remembering = Remembering(memory, config.endpoint, config.flight)
-    shown, remembers = Rim("what this agent tells of itself"), Rim("the vehicle's memory")
+    remembering = Remembering(memory, config.own.endpoint or "", config.flight)
+    shell = AgentShell(agent, link, node, remembering, clock)
+    shell.tampered = script.told
+    shell.shown = shown = Rim("what this agent tells of itself")
+    shell.remembers = remembers = Rim("the vehicle's memory")
     shares, refusals = Rim("the shared link"), Rim("the words on refused messages")
     beside = Rim("the process beside this agent")
     ticker = seat.ticker(config.plan.tick_s, lambda: lifeline.tell(ALIVE))
-    status: AgentStatus | None = None
     collect_rarely()
 
-    def likely(word: Glimpse, at: float) -> bool:
-        return agent.likely(word, own(at))
+    def refused(at_s: float) -> tuple[Refusal, ...]:
+        return refusals.run(lambda: (*node.refused(at_s), *links_refused(at_s))) or ()
 
     swarm_s = 0.0
-    while True:
+    while shell.ended is None:
         script.turn(swarm_s)  # what is due at the end of the tick before
         if script.killed:
             die(seat)
         swarm_s = ticker.wait()
         if script.stopped:
             continue
-        now = own(swarm_s)
-        link.receive(now)
-        inbox = Inbox(
-            view=link.view(),
-            states=[(state, own(at)) for state, at in node.take(keys.STATE, likely)],
-            far=[(state, own(at)) for state, at in node.take(keys.FAR, likely)],
-            clocks=[(news, own(at)) for news, at in node.take(keys.CLOCK, likely)],
-            laws=[news for news, _ in node.take(keys.LAW)],
-            targets=[
-                (word, own(at))
-                for channel in (keys.TARGET, keys.SIGHTING)
-                for word, at in node.take(channel)
-            ],
-            beacons=[(beacon, own(at)) for beacon, at in node.take(keys.BEACON)],
-            commands=[command for command, _ in node.take(keys.COMMAND)],
-            told_to_end=lifeline.cut(),
-            tick=ticker.report,
-            bad_payloads=node.bad_payloads,
-            refused=lambda at_s: (
-                refusals.run(lambda: (*node.refused(at_s), *links_refused(at_s))) or ()
-            ),
-        )
-        actions = agent.step(now, inbox)
-        link.pursue(actions.goal, now)
-        actions.state = script.told(actions.state)
-        publish(node, actions, shown)
-        if actions.follow is not None:
-            node.follow(keys.STATE, actions.follow)
+        now = clock(swarm_s)
+        actions = ended(shell.turn(swarm_s, lifeline.cut(), ticker.report, refused))
         if actions.status is not None:
-            status = actions.status
             lifeline.tell(ALIVE)
-            remembers.run(remembering.serve, link, status.own)  # after the mesh was told
             for trouble in (
                 t for rim in (shown, remembers, shares, refusals, beside) for t in rim.troubles()
             ):
                 _log(str(trouble))
-                event = Event(config.agent_id, now, Severity.WARNING, str(trouble))
+                event = Event(config.own.id, now, Severity.WARNING, str(trouble))
                 shown.run(node.send, keys.EVENT, event)
         shares.run(link.share, now)
         if companion is not None:
             beside.run(companion.send)
         shown.run(narration.tell, actions.events, actions.status)
-        if actions.ended is not None:
-            return actions.ended, status
+    return shell.ended, shell.status

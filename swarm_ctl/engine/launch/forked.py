@@ -91,8 +91,8 @@ class AgentChild(ForkedChild):
     """An agent."""
 
     def __init__(self, config: AgentConfig) -> None:
-        super().__init__(f"agent-{config.agent_id}", config.log, agent_process.child_main, config)
-        self.agent = config.agent_id
+        super().__init__(f"agent-{config.own.id}", config.log, agent_process.child_main, config)
+        self.agent = config.own.id
 
 
 class RadioLink(ForkedChild):

@@ -14,13 +14,14 @@ import os
 import socket
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from swarm_ctl.core.identification.step_flight import StepFlight, Steps
 from swarm_ctl.core.model.fleet import FleetAgent, VehicleKind
 from swarm_ctl.core.model.plan import Fence, Geodetic, Limits, Response
 from swarm_ctl.core.model.text import ids_of
+from swarm_ctl.engine.agent.shell import vehicle_link
 from swarm_ctl.engine.clock import Clock
 from swarm_ctl.engine.interrupts import Interrupts
 from swarm_ctl.engine.launch.ports import free_ports
@@ -39,7 +40,6 @@ from swarm_ctl.engine.vehicles.binaries import find
 from swarm_ctl.engine.vehicles.order import ORDERS, ORDERS_JSON, Orders, VehicleOrder
 from swarm_ctl.engine.vehicles.vehicles_process import READY_WALL_S
 from swarm_ctl.errors import InputError, StartError
-from swarm_ctl.mavlink.link import VehicleLink
 from swarm_ctl.runfolder.files import write_whole
 
 _START_WALL_S = 20.0
@@ -180,14 +180,9 @@ def fly(
     memory = None if vehicle.endpoint is None else VehicleMemory(state_folder())
     remembering = Remembering(memory, vehicle.endpoint or "", "measure")
     with _reached(vehicle, ticker.clock) as endpoint, contextlib.ExitStack() as opened:
-        reached = (endpoint, vehicle.autopilot, vehicle.sysid)
-        own = keys if vehicle.endpoint else OPEN
-        link = VehicleLink(
-            *reached,
-            remembers=memory is not None,
-            agent_sysid=vehicle.agent_sysid,
-            signing=opened.enter_context(own.signing(vehicle.id)),
-        )
+        signing = opened.enter_context((keys if vehicle.endpoint else OPEN).signing(vehicle.id))
+        alone = replace(vehicle, radio=None)  # the others behind a shared one say nothing
+        link = vehicle_link(alone, endpoint, signing, remembers=memory is not None)
         opened.callback(link.close)
         while True:
             now = ticker.wait()

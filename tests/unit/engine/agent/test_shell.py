@@ -9,7 +9,7 @@ import pytest
 from swarm_ctl.core.agent.agent import Actions
 from swarm_ctl.core.model.messages import Ack, Event, Payload, Severity
 from swarm_ctl.core.model.vehicle import StandbyGoal
-from swarm_ctl.engine.agent.publish import publish
+from swarm_ctl.engine.agent.shell import publish
 from swarm_ctl.mesh import keys
 from swarm_ctl.rim import Rim
 from tests.unit.station.swarm import hexagon_plan, state_of, status_of
