@@ -1,4 +1,4 @@
-"""The entry of a process that `run` forks, and the end of each process that flies."""
+"""The entry of each process that another one of ours starts, and the end of each that flies."""
 
 from __future__ import annotations
 
@@ -18,16 +18,29 @@ from swarm_ctl.errors import SwarmError
 def serve_forked(
     work: Callable[[PipeLifeline], int], log: Path | None, connection: Connection
 ) -> NoReturn:
-    """Do the process's `work`, then end the process with the exit code that it returns. `log`:
-    where stdout and stderr go; None: they stay."""
-    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)  # only the lifeline ends it
-    lifeline = PipeLifeline(connection)
-    try:
+    """`serve` in a process that `run` forks, which only its lifeline ends. `log`: where stdout and
+    stderr go; None: they stay."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+
+    def logged(lifeline: PipeLifeline) -> int:
         if log is not None:
             _redirect(log)
+        return work(lifeline)
+
+    serve(logged, connection.fileno(), connection.fileno())
+
+
+def serve(work: Callable[[PipeLifeline], int], hears: int = 0, says: int = 1) -> NoReturn:
+    """Do the process's `work`, then end the process with the exit code that it returns. What ends
+    it otherwise is told to the parent, and stands in the log. By default stdin is the lifeline, and
+    stdout is where the words go."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # the parent answers Ctrl-C
+    lifeline = PipeLifeline(hears, says)
+    try:
         code = work(lifeline)
     except SwarmError as error:
+        sys.stderr.write(f"{error}\n")
         lifeline.tell(str(error))
         code = error.exit_code
     except BaseException:

@@ -1,4 +1,6 @@
-"""How an agent knows that its parent, the process that started it, still lives."""
+"""What a child and its parent, the process that started it, know of each other: the parent's end is
+the end of the child's lifeline; the child says lines of text: `READY`, or why it does not start,
+then notes for the operator, and `ALIVE`."""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ ALIVE_FILE: Final = "SWARM_CTL_ALIVE"
 """The variable that names the file of a container's health check."""
 _TOUCH_WALL_S: Final = 1.0
 _LONGEST: Final = 4096
-"""Bytes of a word."""
+"""Bytes of a word that is told: it goes into a pipe whole, or not at all."""
+_HEARD: Final = 1 << 16
+"""Of one that is heard: the simulator names all its vehicles in one."""
 
 
 class Lifeline(Protocol):
@@ -41,52 +45,57 @@ class Lifeline(Protocol):
 
 class ChildWords:
     """What a child tells, at its parent's end of the pipe: lines of text, and never a pickle, which
-    could run code here. It never waits: a child may stop within a line."""
+    could run code here. It never waits: a child may stop within a line. `spoken`: what is a word of
+    ours, of a child that speaks otherwise."""
 
-    def __init__(self, connection: Connection) -> None:
+    def __init__(self, connection: Connection, spoken: Callable[[str], str] = str) -> None:
         os.set_blocking(connection.fileno(), False)
+        self._spoken = spoken
         self._connection = connection
         self._heard = b""
 
     def next(self) -> str | None:
         """The next word; None: there is none now, or the child has closed its end."""
         try:
-            while b"\n" not in self._heard and len(self._heard) < _LONGEST:
-                data = os.read(self._connection.fileno(), _LONGEST)
+            while b"\n" not in self._heard and len(self._heard) < _HEARD:
+                data = os.read(self._connection.fileno(), _HEARD)
                 if not data:
                     break
                 self._heard += data
         except OSError:  # nothing more now; it is closed
             pass
         word, end, rest = self._heard.partition(b"\n")
-        if not end and len(word) < _LONGEST:
+        if not end and len(word) < _HEARD:
             return None
         self._heard = rest
-        return word[:_LONGEST].decode(errors="replace")
+        return self._spoken(word[:_HEARD].decode(errors="replace"))
 
 
 class PipeLifeline:
-    """A pipe to the parent: its end of file is the parent's death."""
+    """From the parent, and to it: two descriptors, or one of both. The first one's end of file is
+    the parent's death."""
 
-    def __init__(self, connection: Connection) -> None:
-        os.set_blocking(connection.fileno(), False)
-        self._connection = connection
-        self._ready = select.poll()  # `connection.poll` makes one anew each time
-        self._ready.register(connection, select.POLLIN)
+    def __init__(self, hears: int, says: int) -> None:
+        for descriptor in (hears, says):
+            os.set_blocking(descriptor, False)
+        self._hears, self._says = hears, says
+        self._ready = select.poll()
+        self._ready.register(hears, select.POLLIN)
         self._cut = ""
 
     def cut(self) -> str:
         try:
             while not self._cut and self._ready.poll(0):
-                self._connection.recv_bytes()  # the parent has nothing to say
-        except (EOFError, OSError):
+                if not os.read(self._hears, _LONGEST):  # the parent has nothing to say
+                    self._cut = GONE
+        except OSError:
             self._cut = GONE
         return self._cut
 
     def tell(self, text: str) -> None:
-        line = " ".join(text[:_LONGEST].split("\n")).encode()[:_LONGEST]
+        line = " ".join(text[:_LONGEST].split("\n")).encode()[: _LONGEST - 1]
         try:
-            os.write(self._connection.fileno(), line + b"\n")
+            os.write(self._says, line + b"\n")
         except BlockingIOError:
             pass  # a parent that does not read must not stop the control loop
         except OSError:

@@ -48,5 +48,6 @@ def test_vehicles_land_by_their_own_failsafe_when_the_link_is_killed(tmp_path: P
         while any(airborne(truth)) and time.monotonic() < until:
             time.sleep(0.5)
         assert not any(airborne(truth))
-    assert f"link-1 to serial:{device} has ended, exit code -9" in output
+    ended = f"link-1 to serial:{device} has ended: its vehicles land by their own failsafes"
+    assert f"{ended}; exit code -9, see link-1.log" in output
     assert "link-1 was ended by SIGKILL" in output

@@ -39,9 +39,14 @@ class ForkedChild(Child):
     """Runs `main(config, lifeline)` in a process of its own."""
 
     def __init__(
-        self, name: str, log: Path | None, main: Callable[[T, Connection], None], config: T
+        self,
+        name: str,
+        log: Path | None,
+        main: Callable[[T, Connection], None],
+        config: T,
+        end: str = "",
     ) -> None:
-        super().__init__(name, log)
+        super().__init__(name, log, end)
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(["swarm_ctl.engine.launch.preload"])
         self._lifeline, theirs = context.Pipe()
@@ -55,24 +60,11 @@ class ForkedChild(Child):
         self._words = ChildWords(self._lifeline)
         self._heard_wall_s = wall_s()
 
-    def words(self) -> list[str]:
-        """What it has said since the last call."""
-        found = []
-        while (word := self._words.next()) is not None:
-            found.append(word)
-        return found
-
     def silent_wall_s(self) -> float:
         """Seconds since it last said that it is alive (an agent does with every status)."""
         if self.words():
             self._heard_wall_s = wall_s()
         return wall_s() - self._heard_wall_s
-
-    def _says_ready(self) -> bool:
-        word = self._words.next()
-        if word not in (None, READY):
-            raise StartError(f"{self.name} did not start: {word}")
-        return word == READY
 
     def exit_code(self) -> int | None:
         return self._process.exitcode
@@ -94,27 +86,18 @@ class AgentChild(ForkedChild):
         super().__init__(f"agent-{config.own.id}", config.log, agent_process.child_main, config)
         self.agent = config.own.id
 
+    @property
+    def title(self) -> str:
+        return self.name
+
 
 class RadioLink(ForkedChild):
     """The link of a radio that agents share. One that ends is not started again: its vehicles' own
     failsafes have acted by then, and an agent must not take such a vehicle up again."""
 
     def __init__(self, name: str, config: LinkConfig) -> None:
-        super().__init__(name, config.log, link_process.child_main, config)
-        self._radio = config.radio
-        self._ended = False
-
-    def news(self) -> list[str]:
-        """What the operator should know since the last call."""
-        found = [f"the {self.name}: {word}" for word in self.words() if word not in (ALIVE, READY)]
-        code = self.exit_code()
-        if code is not None and not self._ended:
-            self._ended = True
-            found.append(
-                f"the {self.name} to {self._radio} has ended, exit code {code}: the vehicles behind"
-                " it land by their own failsafes"
-            )
-        return found
+        end = f"the {name} to {config.radio} has ended: its vehicles land by their own failsafes"
+        super().__init__(name, config.log, link_process.child_main, config, end)
 
 
 class HostRouter:

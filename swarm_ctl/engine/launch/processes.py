@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
-import select
 import subprocess
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any, Final
 
 from swarm_ctl.engine.clock import pause, wall_s
+from swarm_ctl.engine.lifeline import ALIVE, READY, ChildWords
 from swarm_ctl.engine.vehicles.autopilots import remove_leftovers
 from swarm_ctl.engine.vehicles.order import STARTED, STARTED_JSON, Started
 from swarm_ctl.errors import StartError
@@ -32,30 +32,51 @@ _POLL_READY_WALL_S: Final = 0.01
 
 
 class Child(ABC):
-    """One process that `run` answers for; `log` has its last words."""
+    """One process that `run` answers for; `log` has its last words. It says `READY` first, or why
+    it does not start; `end` is what its own end means to the operator."""
 
     pid: int
+    _words: ChildWords
 
-    def __init__(self, name: str, log: Path | None) -> None:
+    def __init__(self, name: str, log: Path | None, end: str = "") -> None:
         self.name = name
-        self._title = name
         self._log = log
+        self._end = end
         self.ready = False
         """It has said that it works."""
 
     def poll_ready(self) -> bool:
         """True once it has said that it works; StartError when it has said why not, or died."""
         if not self.ready:
-            self.ready = self._says_ready()
+            word = self._words.next()
+            self.ready = word == READY
+            if word is not None and not self.ready:
+                raise StartError(f"{self.title} did not start: {word}")
         if not self.ready and self.exit_code() is not None:
             raise StartError(
-                f"{self._title} did not start, exit code {self.exit_code()}{_tail(self._log)}"
+                f"{self.title} did not start, exit code {self.exit_code()}{_tail(self._log)}"
             )
         return self.ready
 
-    @abstractmethod
-    def _says_ready(self) -> bool:
-        """It has said so since the last call."""
+    @property
+    def title(self) -> str:
+        """What an operator calls it."""
+        return f"the {self.name}"
+
+    def words(self) -> list[str]:
+        """What it has said since the last call."""
+        found = []
+        while (word := self._words.next()) is not None:
+            found.append(word)
+        return found
+
+    def notes(self) -> list[str]:
+        """What it has said for the operator since the last call; its end, too."""
+        notes = [word for word in self.words() if word not in (READY, ALIVE)]
+        if self._end and self.exit_code() is not None:
+            notes.append(f"{self._end}; exit code {self.exit_code()}, see {self.name}.log")
+            self._end = ""
+        return notes
 
     @abstractmethod
     def exit_code(self) -> int | None:
@@ -74,30 +95,30 @@ class CommandChild(Child):
     """A process started by its command line. Its stdin is the lifeline and takes JSON lines."""
 
     def __init__(
-        self, name: str, command: list[str], log: Path, *, own_terminal: bool = False
+        self,
+        name: str,
+        command: list[str],
+        log: Path,
+        end: str = "",
+        *,
+        own_terminal: bool = False,
+        spoken: Callable[[str], str] = str,
     ) -> None:
-        super().__init__(name, log)
-        self._title = f"the {name}"
-        self._heard = b""
-        self._words, write = os.pipe()
-        # The simulator speaks on its stdout; the station's stdout is the terminal, so it speaks on
-        # a descriptor of its own.
-        with log.open("ab") as errors, deaf_children():
+        super().__init__(name, log, end)
+        self._heard, told = Pipe(duplex=False)
+        # It speaks on its stdout; the station's stdout is the terminal, so it speaks on a
+        # descriptor of its own.
+        says = told.fileno()
+        with log.open("ab") as errors, deaf_children(), told:
             self._process = subprocess.Popen(
-                [*command, "--words-fd", str(write)] if own_terminal else command,
+                [*command, "--words-fd", str(says)] if own_terminal else command,
                 stdin=subprocess.PIPE,
-                stdout=None if own_terminal else write,
+                stdout=None if own_terminal else says,
                 stderr=errors,
-                pass_fds=(write,) if own_terminal else (),
+                pass_fds=(says,) if own_terminal else (),
             )
-        os.close(write)
         self.pid = self._process.pid
-
-    def _says_ready(self) -> bool:
-        """Its first whole line says so."""
-        if select.select([self._words], [], [], 0)[0]:
-            self._heard += os.read(self._words, 65536)
-        return b"\n" in self._heard
+        self._words = ChildWords(self._heard, spoken)
 
     def exit_code(self) -> int | None:
         return self._process.poll()
@@ -124,9 +145,7 @@ class CommandChild(Child):
             self._process.kill()
         self._process.wait()
         self.let_go()
-        if self._words >= 0:
-            os.close(self._words)
-            self._words = -1
+        self._heard.close()
 
 
 class VehiclesChild(CommandChild):
@@ -153,49 +172,33 @@ class VehiclesChild(CommandChild):
             remove_leftovers(each.kind, each.instance)
 
 
-class TellingChild(CommandChild):
-    """A process that has notes for the operator; `end` is what its own end means."""
-
-    def __init__(self, name: str, command: list[str], log: Path, end: str) -> None:
-        super().__init__(name, command, log)
-        self._end = end
-        self._end_told = False
-
-    def notes(self) -> list[str]:
-        """What it has said for the operator since the last call; its end, too."""
-        while select.select([self._words], [], [], 0)[0]:
-            data = os.read(self._words, 65536)
-            self._heard += data
-            if not data:
-                break
-        *lines, self._heard = self._heard.split(b"\n")
-        notes = []
-        for line in lines:
-            with contextlib.suppress(ValueError, AttributeError, RecursionError):
-                notes += [str(note)] if (note := json.loads(line).get("note")) else []
-        if self.exit_code() is not None and not self._end_told:
-            self._end_told = True
-            notes.append(f"{self._end}: see {self.name}.log")
-        return notes
-
-
-def relay(config: Path, log: Path) -> TellingChild:
+def relay(config: Path, log: Path) -> CommandChild:
     """The process that serves ground control software."""
     command = [sys.executable, "-m", "swarm_ctl.engine.gcs.gcs_process", str(config)]
-    return TellingChild("gcs", command, log, "ground control software is not served any more")
+    return CommandChild("gcs", command, log, "ground control software is not served any more")
 
 
-def keeper(address: str, rules: Mapping[str, Any], log: Path) -> TellingChild:
+def keeper(address: str, rules: Mapping[str, Any], log: Path) -> CommandChild:
     """The keeper of mission time of a run in lockstep (`lockstep.keeper.Rules`)."""
     module = "swarm_ctl.engine.lockstep.keeper_process"
     command = [sys.executable, "-m", module, address, json.dumps(rules)]
-    return TellingChild("clock", command, log, "lockstep has ended, on by the wall clock")
+    return CommandChild("clock", command, log, "lockstep has ended, on by the wall clock")
 
 
-def simulator(config: Path, log: Path) -> TellingChild:
+def simulator(config: Path, log: Path) -> CommandChild:
     """The simulator, by its command line."""
     command = [sys.executable, "-m", "swarm_sim", "--config", str(config)]
-    return TellingChild("simulator", command, log, "the simulated vehicles are gone")
+    gone = "the simulated vehicles are gone"
+    return CommandChild("simulator", command, log, gone, spoken=_of_simulator)
+
+
+def _of_simulator(line: str) -> str:
+    """The simulator is a program of its own: it speaks JSON."""
+    try:
+        message = json.loads(line)
+    except ValueError:
+        return line
+    return READY if message.get("ready") else str(message.get("note"))
 
 
 def station(folder: Path, log: Path, show: str, attach: Sequence[str] = ()) -> CommandChild:

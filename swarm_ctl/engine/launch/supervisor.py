@@ -25,7 +25,6 @@ from swarm_ctl.engine.launch.forked import ROUTER_HUNG_WALL_S, AgentChild, HostR
 from swarm_ctl.engine.launch.processes import (
     Child,
     CommandChild,
-    TellingChild,
     VehiclesChild,
     keeper,
     relay,
@@ -158,12 +157,12 @@ class RunProcesses:
         self._interrupts = interrupts
         self._print = say
         self._vehicles: VehiclesChild | None = None
-        self._simulator: TellingChild | None = None
+        self._simulator: CommandChild | None = None
         self._agents: list[AgentChild] = []
         self._links: list[RadioLink] = []
         self._station: CommandChild | None = None
-        self._relay: TellingChild | None = None
-        self._keeper: TellingChild | None = None
+        self._relay: CommandChild | None = None
+        self._keeper: CommandChild | None = None
         self._router: HostRouter | None = None
         self._alone = False
         """It has been said that the station is gone."""
@@ -287,11 +286,9 @@ class RunProcesses:
 
     def _tell_news(self) -> None:
         """What the other processes have to say."""
-        for child in (self._relay, self._keeper, self._simulator):
+        for child in (self._relay, self._keeper, self._simulator, *self._links):
             for note in child.notes() if child is not None else ():
                 self._say(note)
-        for line in (line for link in self._links for line in link.news()):
-            self._say(line)
 
     def _without_station(self) -> None:
         """Nothing else tells what goes on."""

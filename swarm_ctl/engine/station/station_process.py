@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 import os
 import signal
 import sys
@@ -19,6 +18,7 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
+from swarm_ctl.engine.lifeline import READY
 from swarm_ctl.engine.lockstep.seat import STATION, take_seat
 from swarm_ctl.engine.lockstep.words import TickPhase
 from swarm_ctl.engine.protection import operator_identity
@@ -80,7 +80,7 @@ def main() -> int:
 
     def ready() -> None:
         with contextlib.suppress(OSError):
-            os.write(arguments.words_fd, (json.dumps({"say": "ready"}) + "\n").encode())
+            os.write(arguments.words_fd, f"{READY}\n".encode())
 
     pipe = ControlPipe(sys.stdin.fileno())
     try:

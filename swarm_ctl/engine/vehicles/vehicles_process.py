@@ -1,8 +1,8 @@
 """`python -m swarm_ctl.engine.vehicles.vehicles_process FOLDER`: starts autopilots and ends them.
 
 It reads the orders in FOLDER, starts each autopilot as its child in a folder of its own, writes
-where each is, and prints a line once all may be armed. Stdin is the lifeline: at its end it waits
-until no vehicle is armed any more, then ends them. SIGTERM ends them at once. If it is killed, the
+where each is, and says when all may be armed. At its lifeline's end it waits until no vehicle is
+armed any more, then ends them. SIGTERM ends them at once. If it is killed, the
 kernel (PX4, on Linux), ArduCopter itself or its container's lifeline ends them.
 
 Exit codes: 0 done, 1 an autopilot ended before it was told to, 3 one did not start.
@@ -13,15 +13,17 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
-import select
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final, Self
 
 from swarm_ctl.engine.clock import pause, wall_s
+from swarm_ctl.engine.forked import serve
+from swarm_ctl.engine.lifeline import READY, PipeLifeline
 from swarm_ctl.engine.vehicles.autopilots import MAKERS, Sitl
 from swarm_ctl.engine.vehicles.instances import Instances
 from swarm_ctl.engine.vehicles.order import (
@@ -32,7 +34,7 @@ from swarm_ctl.engine.vehicles.order import (
     Started,
     VehicleOrder,
 )
-from swarm_ctl.errors import StartError, SwarmError
+from swarm_ctl.errors import StartError
 from swarm_ctl.mavlink.onlooker import Onlooker
 from swarm_ctl.signals import ENDING, hears
 
@@ -197,47 +199,26 @@ def _as_child() -> None:
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
 
 
-class _Asked:
-    """What has asked this process to end: `now` by SIGTERM, `soon` by the lifeline too."""
+def fly(lifeline: PipeLifeline) -> int:
+    """Start the autopilots, and end them with the lifeline; the exit code."""
+    terminated = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: terminated.set())
+    hears(signal.SIGTERM)
 
-    def __init__(self) -> None:
-        self._terminated = False
-        self._cut = False
-        for number in (signal.SIGINT, signal.SIGHUP):
-            signal.signal(number, signal.SIG_IGN)  # the lifeline ends it
-        signal.signal(signal.SIGTERM, self._terminate)
-        hears(signal.SIGTERM)
+    def soon() -> bool:
+        return terminated.is_set() or bool(lifeline.cut())
 
-    def _terminate(self, *_: object) -> None:
-        self._terminated = True
-
-    def now(self) -> bool:
-        return self._terminated
-
-    def soon(self) -> bool:
-        while not self._cut and select.select([0], [], [], 0)[0]:
-            self._cut = not os.read(0, 4096)
-        return self._cut or self._terminated
-
-
-def main(folder: Path) -> int:
-    """The process."""
-    asked = _Asked()
     try:
-        with Vehicles(folder) as vehicles:
-            if not vehicles.start(asked.soon):
+        with Vehicles(Path(sys.argv[1])) as vehicles:
+            if not vehicles.start(soon):
                 return 0
-            print('{"ready": true}', flush=True)  # noqa: T201
-            ended = vehicles.keep(asked.soon)
-            vehicles.wait_down(asked.now)
-    except SwarmError as error:
-        print(error, file=sys.stderr)  # noqa: T201
-        return error.exit_code
+            lifeline.tell(READY)
+            ended = vehicles.keep(soon)
+            vehicles.wait_down(terminated.is_set)
     except OSError as error:
-        print(f"{error.filename or ''}: {error.strerror}", file=sys.stderr)  # noqa: T201
-        return StartError.exit_code
+        raise StartError(f"{error.filename or ''}: {error.strerror}") from None
     return 1 if ended else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1])))
+    serve(fly)

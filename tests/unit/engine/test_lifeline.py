@@ -11,7 +11,7 @@ from swarm_ctl.engine.lifeline import ChildWords, PipeLifeline
 
 def test_lifeline_is_cut_when_the_parent_closes_it() -> None:
     ours, theirs = multiprocessing.Pipe()
-    lifeline = PipeLifeline(theirs)
+    lifeline = PipeLifeline(theirs.fileno(), theirs.fileno())
     assert not lifeline.cut()
     ours.send_bytes(b"anything")
     assert not lifeline.cut()
@@ -23,7 +23,7 @@ def test_lifeline_is_cut_when_the_parent_closes_it() -> None:
 def test_telling_a_parent_that_does_not_read_never_blocks() -> None:
     """A stopped parent must not stop the control loop."""
     ours, theirs = multiprocessing.Pipe()
-    lifeline = PipeLifeline(theirs)
+    lifeline = PipeLifeline(theirs.fileno(), theirs.fileno())
     for _ in range(100_000):  # far more than any socket buffer takes
         lifeline.tell("alive")
     assert not lifeline.cut()
@@ -33,7 +33,7 @@ def test_telling_a_parent_that_does_not_read_never_blocks() -> None:
 
 def test_a_parent_hears_each_word_whole_and_none_twice() -> None:
     ours, theirs = multiprocessing.Pipe()
-    words, lifeline = ChildWords(ours), PipeLifeline(theirs)
+    words, lifeline = ChildWords(ours), PipeLifeline(theirs.fileno(), theirs.fileno())
     assert words.next() is None
     lifeline.tell("ready")
     lifeline.tell("it broke:\nin two lines")
