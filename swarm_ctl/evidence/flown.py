@@ -190,7 +190,8 @@ class Evidence:
         if code:
             raise _FailedError(f"ended with {code}")
         if row.kind != "study":
-            return [*_printed(row, text)], f"{passed[1]} tests passed" if passed else ""
+            last = (text.strip().splitlines() or [""])[-1]
+            return [*_printed(row, text)], f"passed: {passed[1]}" if passed else last
         rows = list(read_rows(self._out(row)))
         r_in = study_of(self._out(row)).law.r_in
         return [*(_again(each, rows, r_in) for each in row.figures), *_printed(row, text)], ""
