@@ -164,7 +164,8 @@ class Steering:
         if not (view.climbs_by_setpoints and view.controlled) or view.on_ground:
             return headwind.fade()
         flown = complex(*fix.velocity_ned_mps[:2])
-        return headwind.steady(setpoint, flown, self._controller.estimate.response_s)
+        response_s, most_mps = self._controller.estimate.response_s, self._limits.speed_mps
+        return headwind.steady(setpoint, flown, response_s, most_mps)
 
     def _setpoint(self, now: float, north: float, east: float, climb_mps: float) -> FlyGoal:
         self.setpoints.add(now)

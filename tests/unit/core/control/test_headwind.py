@@ -59,12 +59,22 @@ def test_a_vehicle_that_brakes_does_not_fly_on(steadied: bool, flown_on_m: float
         for _ in range(ticks):
             flown, added = complex(vehicle.velocity), 0.0
             if steadied:
-                added = headwind.steady(complex(setpoint), flown, 0.9).real
+                added = headwind.steady(complex(setpoint), flown, 0.9, 2.0).real
             vehicle.tick(setpoint + added)
         return vehicle.place
 
     begun = fly(2.0, 400)
     assert fly(0.0, 200) - begun == pytest.approx(flown_on_m, abs=0.1)
+
+
+def test_no_vehicle_is_told_to_fly_faster_than_it_may() -> None:
+    """But by what autopilots overshoot: one that gathers speed late would overtake its setpoint."""
+    headwind = Headwind(AUTOPILOT_KINDS["px4"].response, TICK_S)
+    for _ in range(100):
+        added = headwind.steady(1.5 + 1.5j, 0j, 0.9, 2.2)
+        along = abs(1.5 + 1.5j) + (added * (1.0 - 1.0j)).real / abs(1.0 + 1.0j)
+        assert along <= 1.2 * 2.2 + 1e-9
+    assert headwind.added.real > 0.0
 
 
 def test_what_is_added_is_bounded_and_ends_on_the_ground() -> None:
