@@ -17,6 +17,7 @@ import numpy as np
 from swarm_ctl.core.model.plan import Plan, Policy
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.fuzz.coverage import NOTHING, WHATS, Coverage, CoverageCell
+from swarm_ctl.mission.checks.envelope import most_gusts_mps
 from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from swarm_ctl.mission.input import yaml_file
@@ -159,7 +160,8 @@ def _scenario(dice: Dice, wanted: Coverage, name: str, of: Data | None) -> Data:
     if fair:
         return scenario
     if dice.chance(0.5) and "simulation" not in mission:
-        mission["simulation"] = {"since": "start", "parameters": _weather(dice)}
+        most_mps = most_gusts_mps(_plan_of(mission))
+        mission["simulation"] = {"since": "start", "parameters": _weather(dice, most_mps)}
     if dice.chance(0.35):
         quality = {
             "loss": dice.pick((0.0, 0.05, 0.2)),
@@ -301,9 +303,11 @@ def _outline(dice: Dice, north: float, east: float) -> str:
     return words + (f" ceiling={dice.number(2.0, 15.0, 1):g}" if dice.chance(0.2) else "")
 
 
-def _weather(dice: Dice) -> Data:
+def _weather(dice: Dice, most_mps: float) -> Data:
+    """`most_mps`: of gusts."""
     wind = {"SIM_WIND_SPD": dice.number(1, 6, 1), "SIM_WIND_DIR": dice.whole(0, 359)}
-    gusts = {"SIM_WIND_SPD": 2.0, "SIM_WIND_GUST": dice.number(0.2, 1.3, 1)}
+    gusts_mps = min(dice.number(0.2, 1.3, 1), math.floor(10.0 * most_mps) / 10.0)
+    gusts = {"SIM_WIND_SPD": 2.0, "SIM_WIND_GUST": gusts_mps}
     noise = {"SIM_GPS_NOISE": dice.number(0.05, 0.3)}
     drift = {"SIM_GPS_DRIFT": dice.number(0.1, 0.4)}
     return dice.pick((wind, gusts, noise, drift, wind | noise))

@@ -191,14 +191,18 @@ class Seen:
     @cached_property
     def wind_mps(self) -> float:
         """The most that it is set to anywhere, gusts of three deviations included."""
-        sets = [self.parameters, *(values for _, _, _, values, _ in self.faults)]
-        speed = max(values.get("SIM_WIND_SPD", 0.0) for values in sets)
-        return speed + 3.0 * max(values.get("SIM_WIND_GUST", 0.0) for values in sets)
+        return self._most("SIM_WIND_SPD") + 3.0 * self._most("SIM_WIND_GUST")
 
     @property
     def calm(self) -> bool:
-        """The wind is inside the envelope."""
-        return self.wind_mps <= _WIND_MPS
+        """The wind is inside the envelope, and so are its gusts."""
+        gusts_mps = envelope.most_gusts_mps(self.plan)
+        return self.wind_mps <= _WIND_MPS and self._most("SIM_WIND_GUST") <= gusts_mps
+
+    def _most(self, name: str) -> float:
+        """The most that a parameter is set to anywhere."""
+        sets = [self.parameters, *(values for _, _, _, values, _ in self.faults)]
+        return max(values.get(name, 0.0) for values in sets)
 
     @cached_property
     def blown(self) -> npt.NDArray[np.bool_]:
@@ -223,11 +227,7 @@ class Seen:
     def misjudged_m(self) -> float:
         """By how much [m] drawn GPS noise and drift may mislead at most: four deviations of two
         positions, less what is spared."""
-        sets = [self.parameters, *(values for _, _, _, values, _ in self.faults)]
-        worst = (
-            max(values.get(name, 0.0) for values in sets)
-            for name in ("SIM_GPS_NOISE", "SIM_GPS_DRIFT")
-        )
+        worst = (self._most(name) for name in ("SIM_GPS_NOISE", "SIM_GPS_DRIFT"))
         return max(0.0, 4.0 * math.sqrt(2.0) * math.hypot(*worst) - self.spared_m)
 
     @cached_property

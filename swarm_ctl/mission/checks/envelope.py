@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
+from swarm_ctl.core.kernel.constraints import margins_of
 from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.mission.input.document import ROUNDING, Findings, Mistake, Place
@@ -52,6 +53,14 @@ def _room_m(plan: Plan) -> float:
     return (plan.law.r_out - plan.law.r_in) * plan.unit_m
 
 
+def most_gusts_mps(plan: Plan) -> float:
+    """The deviation of gusts [m/s] up to which vehicles stay apart. They come nearer to each other
+    than D by what a gust moves them before they answer."""
+    law, unit_m = plan.law, plan.unit_m
+    margins = margins_of(law, plan.response, plan.limits.speed_mps, unit_m)
+    return _GUSTS * (margins.keep_out - law.r_in * unit_m)
+
+
 def _closest_slots(plan: Plan) -> float:
     """Of all shapes that are formed; infinite for one agent."""
     shapes = [at.after for at in plan.all_steps() if at.after.formed]
@@ -83,6 +92,8 @@ def with_usual_speed(mission: MissionFile, plan: Plan) -> MissionFile:
 
 _STUDIED: Final = 1.8
 """Of the speed's row: speed_mps^2 / (acceleration_mps2 * (r_out - r_in))."""
+_GUSTS: Final = 0.75
+"""[1/s] Of what the keep-out spares (`tests/scenarios/test_gusts.py`)."""
 _RESPONSE: Final = ("vehicle", "response")
 ENVELOPE: Final = (
     StudiedRange(("agents",), "number of agents", lambda p: len(p.agents), 1, 100),

@@ -27,6 +27,7 @@ from swarm_ctl.mission.geometry.shapes import slot_count
 from swarm_ctl.mission.input.document import ROUNDING, Findings, Mistake, Place
 from swarm_ctl.mission.input.units import said
 from swarm_ctl.mission.mission_file import MissionFile
+from swarm_ctl.mission.sections.simulation_section import SimParameters
 from swarm_ctl.mission.steps.table import KINDS, kind_of, place_of
 from swarm_ctl.mission.written_steps import written_steps
 
@@ -334,6 +335,21 @@ def _real_vehicles(mission: MissionFile, _plan: Plan) -> Findings:
             yield Mistake(("simulation", *place), what, "")
 
 
+def _gusts(mission: MissionFile, plan: Plan) -> Findings:
+    """Those that are simulated; of others nothing is known."""
+    section, most_mps = mission.simulation, envelope.most_gusts_mps(plan)
+    sets: list[tuple[Place, SimParameters]] = [(("parameters",), section.parameters)]
+    sets += [(("faults", k, "set"), fault.set) for k, fault in enumerate(section.faults)]
+    for place, given in sets:
+        gusts_mps = given.SIM_WIND_GUST or 0.0
+        if plan.safety.filter and gusts_mps > most_mps + ROUNDING:
+            what = (
+                f"gusts of {gusts_mps:g} m/s may bring pairs under r_in; r_in and r_out leave room"
+                f" for {math.floor(most_mps * 100) / 100:g} m/s"
+            )
+            yield Mistake(("simulation", *place, "SIM_WIND_GUST"), what, "")
+
+
 def _open_to_others(mission: MissionFile, _plan: Plan) -> Findings:
     fleet = fleet_of(mission)
     exposed = exposures(fleet)
@@ -411,6 +427,7 @@ _WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (
     _outside_the_envelope,
     _spare_fleet,
     _real_vehicles,
+    _gusts,
     _shared_ids,
     _narrow_radios,
     _open_to_others,

@@ -64,6 +64,13 @@ def test_vehicles_that_are_not_simulated_have_no_faults() -> None:
     ]
 
 
+def test_gusts_that_the_keep_out_does_not_bear_are_warned_of() -> None:
+    gusts = "  parameters: {SIM_WIND_GUST: 1.3}\n  faults: [{at_s: 5, set: {SIM_WIND_GUST: 2}}]\n"
+    (warning,) = (each for each in loads(f"{TEXT}simulation:\n{gusts}").warnings if "gust" in each)
+    assert "simulation.faults#1.set.SIM_WIND_GUST: gusts of 2 m/s" in warning
+    assert warning.endswith("leave room for 1.31 m/s")
+
+
 def test_the_plan_knows_nothing_of_it() -> None:
     """Or a swarm with one real vehicle would not fly: its agents would have another plan."""
     assert loads(TEXT + SECTION).plan.hash() == loads(TEXT).plan.hash()
