@@ -190,7 +190,7 @@ def _give_way() -> None:
 
 # Half of Hypothesis' own number, where a test names none: the suite has a time to keep.
 settings.register_profile("here", deadline=None, max_examples=50)
-settings.register_profile("ci", deadline=None, derandomize=True)
+settings.register_profile("ci", deadline=None, derandomize=True, max_examples=50)
 settings.load_profile("ci" if os.environ.get("CI") else "here")
 
 # Flights that are kept for other tests are many objects: each collection looks at all of them.
