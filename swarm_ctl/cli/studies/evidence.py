@@ -27,7 +27,7 @@ def evidence(
         Path, option("FOLDER", "Page, JSON, journal, logs; the same command goes on from there.")
     ] = Path("evidence"),
 ) -> None:
-    """Fly the claims of the safety and security pages again, on this machine.
+    """Fly the claims of the safety pages again.
 
     Each row is a claim, the command that shows it, and what was found when it was flown here: the
     figure, its exact bound, seed, commit, limits. The page also has what an assessor by SORA 2.5

@@ -489,14 +489,10 @@ def test_the_examples_in_the_pages_of_missions_are_right(tmp_path: Path) -> None
     sweep = (MISSIONS / "sweep.yaml").read_text()
     assert loads(sweep.partition("shapes:")[0] + lanes + fence).plan.fence.height_m == 40
     assert [zone.name for zone in loads(mission + zones).plan.zones] == ["oak", "house"]
-    (group,) = loads(mission.partition("steps:")[0] + boat).plan.groups
+    (group,) = loads(mission.partition("shapes:")[0] + boat).plan.groups
     assert [step.follows.offset_m for step in group.steps if step.follows] == [(-20.0, 0.0)]
     groups = (MISSIONS / "groups.yaml").read_text()
-    plan = loads(
-        groups.partition("groups:")[0]
-        + split
-        + groups[groups.index("shapes:") :].partition("steps:")[0]
-    ).plan
+    plan = loads(groups.partition("groups:")[0] + split).plan
     assert [group.name for group in plan.groups] == ["all", "scouts", "sweepers", "rest", "all"]
     assert len(loads(mission + faults).file.simulation.faults) == 3
     loaded = loads(mission + "fleet:\n" + textwrap.indent(fleet, "  "))
