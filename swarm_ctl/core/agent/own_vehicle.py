@@ -16,7 +16,8 @@ from swarm_ctl.core.model.vehicle import FALLS_MPS
 _FLOWN_M: Final = 1.0
 """A position estimate on the ground wanders by less."""
 HOLDS_M: Final = 2.0
-"""Nobody holds lower: heights err, and the vehicle would touch the ground."""
+"""No agent holds lower: told heights err by half a metre and more, and a vehicle that touches the
+ground takes off again."""
 _FELL_S: Final = 5.0
 """From a fall to the heartbeats that say `disarmed`: they come once a second."""
 _SUNK_M: Final = 3.0

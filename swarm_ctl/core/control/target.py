@@ -406,7 +406,7 @@ class Targets:
             known, target = tracker.now(now), self._of[name]
             if known is None or target.agent:
                 continue
-            if target.way_m and not known.fresh:  # its step is over: nobody plays it any more
+            if target.way_m and not known.fresh:  # its step is over: no agent plays it any more
                 continue
             if known.height_m is not None and abs(known.height_m + down_m) > _HEIGHT_M:
                 continue
