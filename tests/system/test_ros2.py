@@ -165,19 +165,23 @@ def test_what_is_beside_an_agent_ends_with_it(
     monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", graph.where)
     mission, epoch_s = pair_mission(tmp_path, spacing=3), time.monotonic()
     flown = simulator(mission, epoch_s, 2.0)
-    agents = [agent(mission.source, i, epoch_s, 2.0, "--ros2", str(DOMAIN)) for i in (1, 2)]
-    with ended([flown, *agents]):
-        until(lambda: graph.told("/drone_1/pose") and graph.told("/drone_2/pose"), agents)
-        # mission time has its own pace, and one node tells it
-        until(lambda: graph.publishers().get("/clock") == ["swarm_ctl_drone_1"], agents)
-        hung, other = (companion_of(each) for each in agents)
-        os.kill(hung, signal.SIGSTOP)
-        try:
-            agents[1].kill()
-            until(lambda: not Path(f"/proc/{other}").exists(), agents[:1])
-            assert agents[0].wait(60) == 1  # its mission needs the other; it lands
-        finally:
-            os.kill(hung, signal.SIGKILL)
+    second = agent(mission.source, 2, epoch_s, 2.0, "--ros2", str(DOMAIN))
+    with ended([flown, second]):
+        # mission time has its own pace, and one node tells it: the first agent's, once it is there
+        until(lambda: graph.publishers().get("/clock") == ["swarm_ctl_drone_2"], [second])
+        first = agent(mission.source, 1, epoch_s, 2.0, "--ros2", str(DOMAIN))
+        agents = [first, second]
+        with ended([first]):
+            until(lambda: graph.publishers().get("/clock") == ["swarm_ctl_drone_1"], agents)
+            until(lambda: graph.told("/drone_1/pose") and graph.told("/drone_2/pose"), agents)
+            hung, other = (companion_of(each) for each in agents)
+            os.kill(hung, signal.SIGSTOP)
+            try:
+                second.kill()
+                until(lambda: not Path(f"/proc/{other}").exists(), [first])
+                assert first.wait(60) == 1  # its mission needs the other; it lands
+            finally:
+                os.kill(hung, signal.SIGKILL)
 
 
 def test_an_agent_takes_no_orders(tmp_path: Path) -> None:

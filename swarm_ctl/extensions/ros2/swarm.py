@@ -202,7 +202,11 @@ class Ros2(Extension):
 
     def _tell_clock(self, now_s: float) -> None:
         """Of all nodes of the swarm, the station's does; else that of the first agent."""
-        if self._simulated and now_s > self._clock_s and not self._before & self._node.others():
+        if not self._simulated:
+            return
+        if self._before & self._node.others():
+            self._node.retract("/clock")
+        elif now_s > self._clock_s:
             self._clock_s = now_s
             self._node.publish("/clock", clock(round(now_s * NANO)))
 
