@@ -238,7 +238,7 @@ def test_the_league_flies_the_same_missions_by_each_law(tmp_path: Path) -> None:
     assert ranked(places)[-1] == "hostile"
     console.print(table(places))
     said = console.export_text()
-    assert "100 % (67.6 to 100)" in said
+    assert "100 % (63.1 to 100)" in said
     assert "95 % confidence intervals" in said
     draw_league(places, 0.5, tmp_path / "league.png")
     assert (tmp_path / "league.png").read_bytes().startswith(b"\x89PNG")
