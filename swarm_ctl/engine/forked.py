@@ -16,16 +16,19 @@ from swarm_ctl.errors import SwarmError
 
 
 def serve_forked(
-    work: Callable[[PipeLifeline], int], log: Path | None, connection: Connection
+    work: Callable[[Path, int, PipeLifeline], int],
+    folder: Path,
+    number: int,
+    log: Path,
+    connection: Connection,
 ) -> NoReturn:
-    """`serve` in a process that `run` forks, which only its lifeline ends. `log`: where stdout and
-    stderr go; None: they stay."""
+    """`serve` in a process that `run` forks, which only its lifeline ends: it is told the run's
+    folder and its number. `log`: where stdout and stderr go."""
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
     def logged(lifeline: PipeLifeline) -> int:
-        if log is not None:
-            _redirect(log)
-        return work(lifeline)
+        _redirect(log)
+        return work(folder, number, lifeline)
 
     serve(logged, connection.fileno(), connection.fileno())
 

@@ -34,6 +34,7 @@ from swarm_ctl.core.model.messages import LinkReport, SigmaReport
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.swarm.hearing import hears_all
 from swarm_ctl.engine.launch.ports import free_ports
+from swarm_ctl.engine.launch_file import Launch, write_launch
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.zenoh_transport import ZenohTransport
@@ -202,16 +203,9 @@ def _station(folder: Path, show: str, size: str) -> tuple[int, int, int]:
         os.dup2(os.open(folder / "station.log", os.O_WRONLY | os.O_CREAT), 2)
         os.environ["TERM"] = "xterm-256color"
         os.environ["COLORTERM"] = "truecolor"
-        command = [
-            sys.executable,
-            "-m",
-            "swarm_ctl.engine.station.station_process",
-            "--run",
-            str(folder),
-            "--show",
-            show,
-        ]
-        os.execv(sys.executable, [*command, "--words-fd", str(words)])  # noqa: S606 - ourselves
+        write_launch(folder, Launch(show))
+        command = [sys.executable, "-m", "swarm_ctl.engine.station.station_process", str(folder)]
+        os.execv(sys.executable, [*command, str(words)])  # noqa: S606 - ourselves
     os.close(read)
     os.close(words)
     columns, _, rows = size.partition("x")

@@ -15,7 +15,8 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from swarm_ctl.core.model.fleet import agent_sysids
-from swarm_ctl.engine.gcs.config import RELAY_JSON, GcsAddress, RelayConfig, RelayVehicle
+from swarm_ctl.engine.gcs.config import GcsAddress, RelayConfig, RelayVehicle
+from swarm_ctl.engine.launch_file import Launch, write_launch
 from tests.protocol.qgroundcontrol import QGroundControl
 from tests.protocol.simulator import Simulator, free_port, settings, simulator
 
@@ -39,9 +40,9 @@ def relay(tmp_path: Path, *gcs_ports: int, speedup: float = 1.0) -> Iterator[Sim
         )
     ]
     stations = [GcsAddress("127.0.0.1", port, free_port()) for port in gcs_ports]
-    config = tmp_path / "gcs.json"
-    config.write_bytes(RELAY_JSON.dump_json(RelayConfig(tuple(vehicles), tuple(stations))))
-    command = [sys.executable, "-m", "swarm_ctl.engine.gcs.gcs_process", str(config)]
+    told = RelayConfig(tuple(vehicles), tuple(stations))
+    write_launch(tmp_path, Launch("log", relay=told))
+    command = [sys.executable, "-m", "swarm_ctl.engine.gcs.gcs_process", str(tmp_path)]
     with (
         simulator(tmp_path, configuration) as sim,
         subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process,

@@ -19,7 +19,6 @@ import zenoh
 from swarm_ctl.engine.launch.forked import HostRouter
 from swarm_ctl.engine.launch.ports import free_ports
 from swarm_ctl.engine.protection import router_identity, router_identity_folder
-from swarm_ctl.engine.router.router_process import RouterConfig
 from swarm_ctl.errors import TrustError
 from swarm_ctl.mesh.access import access_settings, as_tls
 from swarm_ctl.mesh.keys import CHANNELS, COMMAND, SIGHTING, STATE, alive_key
@@ -28,6 +27,7 @@ from swarm_ctl.mesh.zenoh_transport import Router, ZenohTransport
 from swarm_ctl.trust import provision
 from swarm_ctl.trust.identity import load_identity
 from tests.security.test_impostors import SWARM, VICTIM, until
+from tests.unit.report.run_folders import write_routed
 
 pytestmark = pytest.mark.realtime
 ROUTERS: Final = ["127.0.0.1", "10.0.0.2", "127.0.0.1"]
@@ -177,11 +177,11 @@ def test_whose_keys_a_router_takes(trust: Path) -> None:
         router_identity(trust / "field/agent-1")
 
 
-def test_a_router_says_whose_link_it_refused(trust: Path, at: str) -> None:
+def test_a_router_says_whose_link_it_refused(trust: Path, at: str, tmp_path: Path) -> None:
     """A stranger without TLS: once, however often it tries."""
     said: list[str] = []
-    identity = trust / "field" / "router-1"
-    host = HostRouter(RouterConfig(SWARM, as_tls(at), identity=identity), said.append, 10.0)
+    write_routed(tmp_path, as_tls(at), swarm=SWARM, trust=str(trust / "field"))
+    host = HostRouter(tmp_path, said.append, 10.0)
     try:
         until(host.child.poll_ready)
 

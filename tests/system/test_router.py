@@ -15,13 +15,13 @@ import pytest
 
 from swarm_ctl.engine.launch.forked import HostRouter
 from swarm_ctl.engine.launch.ports import free_ports
-from swarm_ctl.engine.router.router_process import RouterConfig
 from swarm_ctl.mesh.keys import NEWEST
 from swarm_ctl.mesh.transport import Inlet
 from swarm_ctl.mesh.zenoh_config import MeshPart
 from swarm_ctl.mesh.zenoh_transport import Router, ZenohTransport
 from tests.system.running import Running
 from tests.system.test_run import assert_apart, assert_truth_ends_on_the_ground
+from tests.unit.report.run_folders import write_routed
 
 SEVENTEEN = Path(__file__).with_name("seventeen.yaml")
 STATE = "swarm/x/agent/{}/state"
@@ -50,8 +50,9 @@ def hears(inlet: Inlet, other: ZenohTransport, meanwhile: Callable[[], object] =
 
 
 @contextmanager
-def host_router(at: str, said: list[str]) -> Iterator[HostRouter]:
-    host = HostRouter(RouterConfig("x", at), said.append, 0.5)
+def host_router(folder: Path, at: str, said: list[str]) -> Iterator[HostRouter]:
+    write_routed(folder, at, swarm="x")
+    host = HostRouter(folder, said.append, 0.5)
     try:
         yield host
     finally:
@@ -115,11 +116,15 @@ def test_a_client_that_was_closed_before_its_router_came() -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_router_is_started_again(number: signal.Signals) -> None:
+def test_a_router_is_started_again(number: signal.Signals, tmp_path: Path) -> None:
     """One that is killed, and one that hangs: on the same port, and the clients hear each other
     again without a word of theirs."""
     at, said = endpoint(), list[str]()
-    with host_router(at, said) as host, closing(client(at)) as one, closing(client(at)) as two:
+    with (
+        host_router(tmp_path, at, said) as host,
+        closing(client(at)) as one,
+        closing(client(at)) as two,
+    ):
         inlet = one.subscribe(STATE.format("*"))
         assert hears(inlet, two)
         first = host.child.pid
@@ -133,10 +138,10 @@ def test_a_router_is_started_again(number: signal.Signals) -> None:
         assert said[1:] in ([], ["the router is there again"])
 
 
-def test_a_router_that_can_not_start_again() -> None:
+def test_a_router_that_can_not_start_again(tmp_path: Path) -> None:
     """It is said once, it is tried again, and in the end the router is there."""
     at, said = endpoint(), list[str]()
-    with host_router(at, said) as host:
+    with host_router(tmp_path, at, said) as host:
         while not host.child.poll_ready():
             time.sleep(0.02)
         host.child.kill()

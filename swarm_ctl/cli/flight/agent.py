@@ -118,7 +118,6 @@ def agent(
     from swarm_ctl.engine.clock import Clock, unix_s
     from swarm_ctl.engine.forked import leave
     from swarm_ctl.engine.lifeline import SignalLifeline
-    from swarm_ctl.engine.protection import agent_identity_folder
     from swarm_ctl.engine.vehicle_memory import state_folder
     from swarm_ctl.mission.compile.offers import plan_name
     from swarm_ctl.mission.fleet.exposure import exposures, refuse_exposed
@@ -132,35 +131,31 @@ def agent(
         own_zenoh = zenoh_settings(zenoh_config, guarded=open_mesh or identity is not None)
         known = _Known(agent_id, given, fleet, identity, open_mesh, own_zenoh)
         plan, entries = _fetched(wanted, known, plan_timeout)
-    own, connect = _own(plan, entries, agent_id, given)
-    keys = agent_identity_folder(entries.trust, agent_id, identity)
-    signing = SigningPolicy.REQUIRED if signing_key else entries.signing
-    if not open_mesh:
-        exposed = exposures(Fleet((own,), None if keys is None else str(keys), signing), connect)
-        refuse_exposed(exposed, str(fleet or file), keys)
+    own = _own(plan, entries, agent_id, given)
     begins_s = 0.0 if own.host and epoch is None else epoch
     clock = Clock.starting_now(speedup) if begins_s is None else Clock(begins_s, speedup)
-    config = AgentConfig(
-        plan=plan,
-        own=own,
-        connect=connect,
-        epoch_s=clock.epoch_s,
-        speedup=speedup,
+    agents = tuple(own if entry.id == agent_id else entry for entry in entries.agents)
+    config = AgentConfig.of(plan, replace(entries, agents=agents), agent_id, clock, identity)
+    keys = config.identity
+    config = replace(
+        config,
+        connect=tuple(peer or config.connect),
         expect_station=expect_station,
         memory=state_folder(),
-        flight=plan.name,
         lockstep=None if lockstep is None else _clock_of(lockstep),
         signing_key=signing_key,
-        identity=keys,
-        signing=entries.signing,
         zenoh=zenoh_settings(zenoh_config, guarded=open_mesh or keys is not None),
         report=record and record / f"agent-{agent_id}.json",
         tlog=record and record / f"agent-{agent_id}.tlog",
         started_us=int((unix_s() - clock.now()) * 1e6),
         same_clock=tuple(a.id for a in entries.agents if own.host and a.host == own.host),
     )
+    if not open_mesh:
+        signing = SigningPolicy.REQUIRED if signing_key else entries.signing
+        alone = Fleet((config.own,), None if keys is None else str(keys), signing)
+        refuse_exposed(exposures(alone, config.connect), str(fleet or file), keys)
     if keys is not None:
-        threading.Thread(target=_explain, args=(keys, connect), daemon=True).start()
+        threading.Thread(target=_explain, args=(keys, config.connect), daemon=True).start()
     beside = None if domain is None else _beside(config, domain)
     leave(run_agent(config, SignalLifeline(), show_on_terminal, beside))
 
@@ -293,10 +288,8 @@ class _Places:
     router: str | None
 
 
-def _own(
-    plan: Plan, fleet: Fleet, agent_id: int, given: _Places
-) -> tuple[FleetAgent, tuple[str, ...]]:
-    """The agent's fleet entry with the addresses that were given, and what it connects to."""
+def _own(plan: Plan, fleet: Fleet, agent_id: int, given: _Places) -> FleetAgent:
+    """The agent's fleet entry with the addresses that were given."""
     ids = [entry.id for entry in fleet.agents]
     if agent_id not in ids:
         allowed = ", ".join(map(str, ids))
@@ -324,6 +317,4 @@ def _own(
                 f"agent {agent_id} has no `{name}` in the fleet; a single agent needs one,"
                 f" there or as --{name}"
             )
-    before = fleet.agents[: ids.index(agent_id)]
-    peers = tuple(given.peers or (other.mesh for other in before if other.mesh))
-    return (replace(own, mesh=None), routers) if routed else (own, peers)
+    return own

@@ -3,33 +3,30 @@
 from __future__ import annotations
 
 import math
-import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
-from dataclasses import dataclass, field
-from multiprocessing.connection import Connection
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Self
 
 from pydantic import TypeAdapter
 
 from swarm_ctl.core.agent.agent import Agent, Ended, ended
-from swarm_ctl.core.model.fleet import FleetAgent, SigningPolicy
+from swarm_ctl.core.model.fleet import Fleet, FleetAgent, SigningPolicy
 from swarm_ctl.core.model.messages import AgentStatus, Event, Outcome, Refusal, Severity
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.core.swarm.hearing import hears_all
 from swarm_ctl.engine.agent.narration import Narration
 from swarm_ctl.engine.agent.shell import AgentShell, listen, vehicle_link
-from swarm_ctl.engine.clock import unix_s
+from swarm_ctl.engine.clock import Clock, unix_s
 from swarm_ctl.engine.collector import collect_rarely
 from swarm_ctl.engine.companion import Companion
-from swarm_ctl.engine.forked import serve_forked
+from swarm_ctl.engine.gcs.config import RelayVehicle
 from swarm_ctl.engine.lifeline import ALIVE, READY, Lifeline
 from swarm_ctl.engine.link_keys import folder_signing
 from swarm_ctl.engine.lockstep.seat import Seat, die, take_seat
 from swarm_ctl.engine.lockstep.words import TickPhase
-from swarm_ctl.engine.protection import access, own_identity, valid_for_s
+from swarm_ctl.engine.protection import access, agent_identity_folder, own_identity, valid_for_s
 from swarm_ctl.engine.refused_links import refused_links
 from swarm_ctl.engine.script import NO_SCRIPT, AgentScript, ScriptedAgent
 from swarm_ctl.engine.vehicle_memory import Remembering, VehicleMemory
@@ -63,8 +60,6 @@ class AgentConfig:
     """It does not arm before it has heard a ground station."""
     report: Path | None = None
     """Where the final status is written as JSON."""
-    log: Path | None = None
-    """Where stdout and stderr go; None: they stay."""
     tlog: Path | None = None
     """Where the vehicle's MAVLink frames are kept."""
     memory: Path | None = None
@@ -72,10 +67,8 @@ class AgentConfig:
     they are not, as of a vehicle that ends with the run."""
     flight: str = ""
     """What this flight is called there."""
-    mirror_port: int | None = None
+    mirror: RelayVehicle | None = field(default=None, repr=False)
     """Where it shares the vehicle's only link with ground control software."""
-    mirror_secret: bytes = field(default=b"", repr=False)
-    """By it the agent knows the relay that it shares its link with."""
     lockstep: str | None = None
     """Where the keeper of mission time is, for a run in lockstep."""
     identity: Path | None = None
@@ -93,18 +86,25 @@ class AgentConfig:
     started_us: int = 0
     """Mission time 0 of the tlog, in microseconds of Unix time."""
 
-
-_LARGE_SWARM_NICE: Final = 4
-"""Where both cores are busy, an agent then gets 0.4 of what a process that serves all gets (Linux:
-1.25 a step). Chosen, not measured."""
-
-
-def child_main(config: AgentConfig, connection: Connection) -> None:
-    """Entry of an agent that `run` forks. Of a large swarm, whose processes one machine hardly
-    carries, those that serve all agents (simulator, router, station) come first."""
-    if not hears_all(config.plan):
-        os.nice(_LARGE_SWARM_NICE)
-    serve_forked(lambda lifeline: run_agent(config, lifeline), config.log, connection)
+    @classmethod
+    def of(
+        cls, plan: Plan, fleet: Fleet, agent: int, clock: Clock, identity: Path | None = None
+    ) -> Self:
+        """As plan and fleet say it. In a mesh of peers an agent connects to those before it and
+        listens for those after it, so that every pair is linked once; else it connects to the
+        router."""
+        own = fleet.agent(agent)
+        before = fleet.agents[: fleet.agents.index(own)]
+        return cls(
+            plan=plan,
+            own=replace(own, mesh=None) if own.router else own,
+            connect=(own.router,) if own.router else tuple(a.mesh for a in before if a.mesh),
+            epoch_s=clock.epoch_s,
+            speedup=clock.speedup,
+            flight=plan.name,
+            identity=agent_identity_folder(fleet.trust, agent, identity),
+            signing=fleet.signing,
+        )
 
 
 def run_agent(
@@ -178,8 +178,8 @@ def _link(
     seat: Seat,
     signing: FrameSigning | None,
 ) -> VehicleLink:
-    port, wire = config.mirror_port, seat.wire(config.own.endpoint or "")
-    mirror = None if port is None else Mirror(port, config.mirror_secret)
+    shared, wire = config.mirror, seat.wire(config.own.endpoint or "")
+    mirror = None if shared is None else Mirror(shared.port, bytes.fromhex(shared.secret))
     remembers = config.memory is not None
     return vehicle_link(config.own, wire, signing, keep, remembers=remembers, mirror=mirror)
 

@@ -1,11 +1,8 @@
-"""What `run` tells the process that serves ground control software; as JSON."""
+"""What `run` tells the process that serves ground control software."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
-
-from pydantic import TypeAdapter
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +19,11 @@ class RelayVehicle:
     """The vehicle has one link alone, the agent's."""
     secret: str = ""
     """Hexadecimal: by it the agent's mirror knows the relay."""
+
+    @property
+    def port(self) -> int:
+        """Of its endpoint."""
+        return int(self.endpoint.rpartition(":")[2])
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,5 +45,6 @@ class RelayConfig:
     vehicles: tuple[RelayVehicle, ...]
     stations: tuple[GcsAddress, ...]
 
-
-RELAY_JSON: Final = TypeAdapter(RelayConfig)
+    def mirror_of(self, agent: int) -> RelayVehicle | None:
+        """Where this agent shares its vehicle's link; None: it need not."""
+        return next((v for v in self.vehicles if v.agent == agent and v.shared), None)

@@ -1,4 +1,4 @@
-"""`python -m swarm_ctl.engine.gcs.gcs_process CONFIG`: serves ground control software (GCS).
+"""`python -m swarm_ctl.engine.gcs.gcs_process RUN`: serves ground control software (GCS).
 
 A process of its own, so that a GCS that floods, hangs or dies takes no time from an agent. At its
 lifeline's end it goes on until no vehicle is armed any more, so that a pilot sees them come down.
@@ -16,9 +16,11 @@ from typing import Final
 
 from swarm_ctl.engine.clock import pause, wall_s
 from swarm_ctl.engine.forked import serve
-from swarm_ctl.engine.gcs.config import RELAY_JSON, RelayVehicle
+from swarm_ctl.engine.gcs.config import RelayVehicle
 from swarm_ctl.engine.gcs.gcs_socket import GcsClient, GcsSocket, Throttle
+from swarm_ctl.engine.launch_file import read_launch
 from swarm_ctl.engine.lifeline import READY, PipeLifeline
+from swarm_ctl.errors import StartError
 from swarm_ctl.mavlink.addressed import (
     asks_for_streams,
     sets_parameter,
@@ -243,7 +245,9 @@ _NICE: Final = 5
 def relay(lifeline: PipeLifeline) -> int:
     """Carry frames until the lifeline has ended and all vehicles are down; the exit code."""
     os.nice(_NICE)
-    config = RELAY_JSON.validate_json(Path(sys.argv[1]).read_bytes())
+    config = read_launch(Path(sys.argv[1])).relay
+    if config is None:
+        raise StartError("this run has no ground control software")
     with contextlib.ExitStack() as opened:
         ports = [
             opened.enter_context(contextlib.closing(VehiclePort(vehicle)))

@@ -7,24 +7,17 @@ import contextlib
 import multiprocessing
 import sys
 from collections.abc import Callable, Iterator
-from multiprocessing.connection import Connection
 from pathlib import Path
 from types import ModuleType
-from typing import Final, TypeVar
+from typing import Final
 
-from swarm_ctl.engine.agent import agent_process
-from swarm_ctl.engine.agent.agent_process import AgentConfig
 from swarm_ctl.engine.clock import wall_s
+from swarm_ctl.engine.forked import serve_forked
+from swarm_ctl.engine.launch import children
 from swarm_ctl.engine.launch.processes import Child
-from swarm_ctl.engine.lifeline import ALIVE, READY, ChildWords
-from swarm_ctl.engine.radio import link_process
-from swarm_ctl.engine.radio.link_process import LinkConfig
-from swarm_ctl.engine.router import router_process
-from swarm_ctl.engine.router.router_process import RouterConfig
+from swarm_ctl.engine.lifeline import ALIVE, READY, ChildWords, Lifeline
 from swarm_ctl.errors import StartError
 from swarm_ctl.signals import deaf_children, deaf_tracker
-
-T = TypeVar("T")
 
 _LOOK_WALL_S: Final = 0.05
 ROUTER_HUNG_WALL_S: Final = 1.5
@@ -36,21 +29,23 @@ _START_LOOKS: Final = 200
 
 
 class ForkedChild(Child):
-    """Runs `main(config, lifeline)` in a process of its own."""
+    """Does a work of `children` in a process of its own."""
 
     def __init__(
         self,
         name: str,
-        log: Path | None,
-        main: Callable[[T, Connection], None],
-        config: T,
+        log: Path,
+        work: Callable[[Path, int, Lifeline], int],
+        folder: Path,
+        number: int = 0,
         end: str = "",
     ) -> None:
         super().__init__(name, log, end)
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(["swarm_ctl.engine.launch.preload"])
         self._lifeline, theirs = context.Pipe()
-        self._process = context.Process(target=main, args=(config, theirs), name=name, daemon=False)
+        told = work, folder, number, log, theirs
+        self._process = context.Process(target=serve_forked, args=told, name=name, daemon=False)
         with _without_main():
             deaf_tracker()
             with deaf_children():
@@ -82,9 +77,10 @@ class ForkedChild(Child):
 class AgentChild(ForkedChild):
     """An agent."""
 
-    def __init__(self, config: AgentConfig) -> None:
-        super().__init__(f"agent-{config.own.id}", config.log, agent_process.child_main, config)
-        self.agent = config.own.id
+    def __init__(self, folder: Path, agent: int) -> None:
+        log = folder / "agents" / f"{agent}.log"
+        super().__init__(f"agent-{agent}", log, children.agent, folder, agent)
+        self.agent = agent
 
     @property
     def title(self) -> str:
@@ -95,21 +91,20 @@ class RadioLink(ForkedChild):
     """The link of a radio that agents share. One that ends is not started again: its vehicles' own
     failsafes have acted by then, and an agent must not take such a vehicle up again."""
 
-    def __init__(self, name: str, config: LinkConfig) -> None:
-        end = f"the {name} to {config.radio} has ended: its vehicles land by their own failsafes"
-        super().__init__(name, config.log, link_process.child_main, config, end)
+    def __init__(self, folder: Path, number: int, radio: str) -> None:
+        name = f"link-{number}"
+        end = f"the {name} to {radio} has ended: its vehicles land by their own failsafes"
+        super().__init__(name, folder / f"{name}.log", children.link, folder, number, end)
 
 
 class HostRouter:
     """The router of this host; one that ends, or says nothing for `hung_wall_s`, is started again,
     on the same port. It speaks ten times a second."""
 
-    def __init__(
-        self, config: RouterConfig, say: Callable[[str], None], hung_wall_s: float
-    ) -> None:
+    def __init__(self, folder: Path, say: Callable[[str], None], hung_wall_s: float) -> None:
         # Looks, and not seconds: what stops all processes has not hung the router.
         self._hung_looks = round(hung_wall_s / _LOOK_WALL_S)
-        self._config = config
+        self._folder = folder
         self._say = say
         self.child = self._start()
         self._silent_looks = 0
@@ -118,7 +113,7 @@ class HostRouter:
         self._due_wall_s = 0.0
 
     def _start(self) -> ForkedChild:
-        return ForkedChild("router", self._config.log, router_process.child_main, self._config)
+        return ForkedChild("router", self._folder / "router.log", children.router, self._folder)
 
     def look(self) -> bool:
         """Call it every 50 ms; True when there is another router than before."""

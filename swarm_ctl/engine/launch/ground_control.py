@@ -93,10 +93,6 @@ class GroundControl:
     held: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
     """The numbers of the simulated vehicles, until the run has ended."""
 
-    def mirror_port(self, agent: int) -> int | None:
-        """Where the agent shares its link; None: it need not."""
-        return None if agent in self.links else self.mirrors.get(agent)
-
     def take_started(self, links: Mapping[int, str]) -> None:
         """The free links of autopilots that have just been started, by agent."""
         self.known |= links

@@ -12,10 +12,10 @@ import json
 import subprocess
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from multiprocessing import Pipe
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from swarm_ctl.engine.clock import pause, wall_s
 from swarm_ctl.engine.lifeline import ALIVE, READY, ChildWords
@@ -111,7 +111,7 @@ class CommandChild(Child):
         says = told.fileno()
         with log.open("ab") as errors, deaf_children(), told:
             self._process = subprocess.Popen(
-                [*command, "--words-fd", str(says)] if own_terminal else command,
+                [*command, str(says)] if own_terminal else command,
                 stdin=subprocess.PIPE,
                 stdout=None if own_terminal else says,
                 stderr=errors,
@@ -153,8 +153,7 @@ class VehiclesChild(CommandChild):
     remove what they leave outside the run's folder."""
 
     def __init__(self, folder: Path, log: Path) -> None:
-        module = "swarm_ctl.engine.vehicles.vehicles_process"
-        super().__init__("vehicles", [sys.executable, "-m", module, str(folder)], log)
+        super().__init__("vehicles", _ours("vehicles.vehicles_process", folder), log)
         self._started = folder / STARTED
 
     def started(self) -> tuple[Started, ...]:
@@ -172,17 +171,22 @@ class VehiclesChild(CommandChild):
             remove_leftovers(each.kind, each.instance)
 
 
-def relay(config: Path, log: Path) -> CommandChild:
+def _ours(module: str, folder: Path) -> list[str]:
+    """A process of ours is told a folder, and reads the rest there."""
+    return [sys.executable, "-m", f"swarm_ctl.engine.{module}", str(folder)]
+
+
+def relay(folder: Path) -> CommandChild:
     """The process that serves ground control software."""
-    command = [sys.executable, "-m", "swarm_ctl.engine.gcs.gcs_process", str(config)]
-    return CommandChild("gcs", command, log, "ground control software is not served any more")
+    end = "ground control software is not served any more"
+    return CommandChild("gcs", _ours("gcs.gcs_process", folder), folder / "gcs.log", end)
 
 
-def keeper(address: str, rules: Mapping[str, Any], log: Path) -> CommandChild:
-    """The keeper of mission time of a run in lockstep (`lockstep.keeper.Rules`)."""
-    module = "swarm_ctl.engine.lockstep.keeper_process"
-    command = [sys.executable, "-m", module, address, json.dumps(rules)]
-    return CommandChild("clock", command, log, "lockstep has ended, on by the wall clock")
+def keeper(folder: Path) -> CommandChild:
+    """The keeper of mission time of a run in lockstep."""
+    command = _ours("lockstep.keeper_process", folder)
+    end = "lockstep has ended, on by the wall clock"
+    return CommandChild("clock", command, folder / "clock.log", end)
 
 
 def simulator(config: Path, log: Path) -> CommandChild:
@@ -201,12 +205,10 @@ def _of_simulator(line: str) -> str:
     return READY if message.get("ready") else str(message.get("note"))
 
 
-def station(folder: Path, log: Path, show: str, attach: Sequence[str] = ()) -> CommandChild:
+def station(folder: Path) -> CommandChild:
     """The ground station of a run; it has the terminal."""
-    module = "swarm_ctl.engine.station.station_process"
-    command = [sys.executable, "-m", module, "--run", str(folder), "--show", show]
-    command += [f"--attach={word}" for word in attach]
-    return CommandChild("station", command, log, own_terminal=True)
+    command = _ours("station.station_process", folder)
+    return CommandChild("station", command, folder / "station.log", own_terminal=True)
 
 
 def wait_ready(

@@ -10,19 +10,18 @@ import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from swarm_ctl import extension
 from swarm_ctl.core.model.fleet import Fleet, FleetAgent, SigningPolicy, VehicleKind
 from swarm_ctl.engine import clock as wall
-from swarm_ctl.engine.agent.agent_process import AgentConfig
 from swarm_ctl.engine.clock import Clock
 from swarm_ctl.engine.flying_runs import make_folder, process_space
-from swarm_ctl.engine.gcs.config import RELAY_JSON
 from swarm_ctl.engine.launch.ground_control import ground_control
 from swarm_ctl.engine.launch.ports import free_ports
 from swarm_ctl.engine.launch.sim_config import simulator_config
-from swarm_ctl.engine.lockstep.seat import SIMULATOR, SLOW, STATION
+from swarm_ctl.engine.launch_file import Launch, write_launch
+from swarm_ctl.engine.lockstep.keeper import Rules
+from swarm_ctl.engine.lockstep.seat import SIMULATOR, STATION
 from swarm_ctl.engine.protection import (
     NO_KEYS,
     Keys,
@@ -31,13 +30,9 @@ from swarm_ctl.engine.protection import (
     refuse_useless,
     router_identity_folder,
 )
-from swarm_ctl.engine.radio.link_process import LinkConfig
-from swarm_ctl.engine.router.router_process import RouterConfig
-from swarm_ctl.engine.script import NO_SCRIPT, AgentScript, RunScript
+from swarm_ctl.engine.script import RunScript
 from swarm_ctl.engine.station.screens import Show
-from swarm_ctl.engine.station.scripted_operator import SCRIPT, SCRIPT_JSON
 from swarm_ctl.engine.system import lacks_for_lockstep, refuse_without
-from swarm_ctl.engine.vehicle_memory import state_folder
 from swarm_ctl.engine.vehicles.binaries import find
 from swarm_ctl.engine.vehicles.homes import start_of
 from swarm_ctl.engine.vehicles.order import ORDERS, ORDERS_JSON, Orders, Started, VehicleOrder
@@ -49,9 +44,6 @@ from swarm_ctl.mission.fleet.exposure import exposures, leaves_loopback, refuse_
 from swarm_ctl.runfolder.manifest import Manifest, package_versions, write_manifest
 from swarm_ctl.trust.identity import MAVLINK_KEY
 from swarm_ctl.trust.names import LOOPBACK, KeyHolder, member_of
-
-LINK = "link"
-"""The process of a shared radio, with a number behind it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,87 +151,39 @@ class RunSetup:
         self.manifest = self.manifest.model_copy(update={"fleet": fleet} | begun)
         write_manifest(self.folder, self.manifest)
 
-    def agent_configs(self) -> list[AgentConfig]:
-        """For each agent. In a mesh of peers it connects to those before it and listens for those
-        after it, so that every pair is linked once; else it connects to the router."""
-        fleet = self.manifest.fleet
-        return [
-            self._agent_config(
-                agent, (agent.router,) if agent.router else tuple(a.mesh or "" for a in fleet[:k])
-            )
-            for k, agent in enumerate(fleet)
-        ]
-
-    def router_config(self) -> RouterConfig | None:
-        """Of the router; None in a mesh of peers."""
-        manifest = self.manifest
-        listen = manifest.fleet[0].router
-        if listen is None:
-            return None
-        return RouterConfig(
-            manifest.swarm,
-            listen,
-            speedup=manifest.speedup if manifest.lockstep is None else SLOW,
-            patient=manifest.lockstep is not None,
-            identity=router_identity_folder(manifest.trust, listen),
-            zenoh=manifest.zenoh,
-            log=self.folder / "router.log",
+    def write_launch(self) -> None:
+        """What the processes read beside the manifest; and the scenario."""
+        options, lockstep = self.options, self.options.lockstep
+        started = {order.agent for order in self._orders}
+        launch = Launch(
+            show=options.show,
+            attach=options.attach,
+            tlog=options.tlog,
+            autopilots=tuple(started),
+            remembered=tuple(self._lasting),
+            relay=self.ground_control.relay(self.manifest.fleet),
+            keeper=None if lockstep is None else self._rules(lockstep),
+            script=options.script,
         )
+        write_launch(self.folder, launch)
+        if options.script is not None:
+            (self.folder / "scenario.yaml").write_text(options.script.text, encoding="utf-8")
 
-    def link_configs(self) -> list[LinkConfig]:
-        """Of each radio that agents share."""
-        manifest = self.manifest
-        signed = manifest.signing is SigningPolicy.REQUIRED
-        return [
-            LinkConfig(agents, signed, log=self.folder / f"{LINK}-{k}.log")
-            for k, agents in enumerate(Fleet(manifest.fleet).radios().values(), start=1)
-        ]
-
-    def _agent_config(self, agent: FleetAgent, connect: tuple[str, ...]) -> AgentConfig:
-        manifest, agents = self.manifest, self.folder / "agents"
-        ordered = {order.agent for order in self._orders}
-        scripts = self._scripts
-        return AgentConfig(
-            plan=manifest.plan,
-            own=agent,
-            connect=connect,
-            epoch_s=manifest.epoch_s,
-            speedup=manifest.speedup,
-            expect_station=True,
-            report=agents / f"{agent.id}.json",
-            log=agents / f"{agent.id}.log",
-            tlog=self.folder / f"{agent.id}.tlog" if self.options.tlog else None,
-            memory=state_folder() if agent.id in self._lasting else None,
-            flight=self.folder.name,
-            mirror_port=self.ground_control.mirror_port(agent.id),
-            mirror_secret=self.ground_control.secret,
-            lockstep=manifest.lockstep,
-            identity=agent_identity_folder(manifest.trust, agent.id),
-            # An autopilot that the run itself starts has no key, and ends with it.
-            signing=manifest.signing if agent.id not in ordered else SigningPolicy.OFF,
-            same_clock=self._same_clock(agent.id),
-            script=scripts.get(agent.id, NO_SCRIPT),
-            zenoh=manifest.zenoh,
-            started_us=round(manifest.started_at.timestamp() * 1e6),
+    def _rules(self, lockstep: Lockstep) -> Rules:
+        agents = [f"agent-{agent.id}" for agent in self.manifest.fleet]
+        return Rules(
+            self.manifest.plan.tick_s,
+            (SIMULATOR, *agents, STATION, *lockstep.further),
+            lockstep.factor,
+            lockstep.patience_wall_s,
         )
 
     @property
-    def _scripts(self) -> dict[int, AgentScript]:
-        return {} if self.options.script is None else self.options.script.agents
-
-    def _same_clock(self, agent: int) -> tuple[int, ...]:
-        """The agents whose clock is its own."""
-        others = {i for i, script in self._scripts.items() if script.clock is not None}
+    def radios(self) -> tuple[str, ...]:
+        """The endpoint of each radio that agents share."""
         return tuple(
-            a.id for a in self.manifest.fleet if agent not in others and a.id not in others
+            agents[0].reached_at or "" for agents in Fleet(self.manifest.fleet).radios().values()
         )
-
-    def write_script(self) -> None:
-        """The scenario, and what the station does in it."""
-        script = self.options.script
-        if script is not None:
-            (self.folder / "scenario.yaml").write_text(script.text, encoding="utf-8")
-            (self.folder / SCRIPT).write_bytes(SCRIPT_JSON.dump_json(script.station, indent=1))
 
     def write_simulator_config(self) -> Path | None:
         """The simulator's configuration file; None where no vehicle is simulated."""
@@ -262,28 +206,6 @@ class RunSetup:
         }
         path = self.folder / "sim.json"
         path.write_text(json.dumps(config, indent=1))
-        return path
-
-    def keeper_rules(self) -> dict[str, Any] | None:
-        """What the keeper of mission time is told (`lockstep.keeper.Rules`); None in real time."""
-        lockstep = self.options.lockstep
-        if lockstep is None:
-            return None
-        agents = [f"agent-{agent.id}" for agent in self.manifest.fleet]
-        return {
-            "tick_s": self.manifest.plan.tick_s,
-            "expected": [SIMULATOR, *agents, STATION, *lockstep.further],
-            "factor": lockstep.factor,
-            "patience_wall_s": lockstep.patience_wall_s,
-        }
-
-    def write_relay_config(self) -> Path | None:
-        """The configuration file of the relay to ground control software; None without one."""
-        config = self.ground_control.relay(self.manifest.fleet)
-        if config is None:
-            return None
-        path = self.folder / "gcs.json"
-        path.write_bytes(RELAY_JSON.dump_json(config, indent=1))
         return path
 
     def table(self) -> Iterator[str]:

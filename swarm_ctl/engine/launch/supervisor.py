@@ -33,7 +33,7 @@ from swarm_ctl.engine.launch.processes import (
     wait_all,
     wait_ready,
 )
-from swarm_ctl.engine.launch.run_setup import LINK, RunOptions, RunSetup
+from swarm_ctl.engine.launch.run_setup import RunOptions, RunSetup
 from swarm_ctl.engine.station.screens import Show
 from swarm_ctl.engine.vehicle_memory import left_changed
 from swarm_ctl.engine.vehicles.vehicles_process import READY_WALL_S
@@ -192,40 +192,38 @@ class RunProcesses:
     def _start(self) -> None:
         setup, folder = self._setup, self._setup.folder
         self._start_vehicles()
-        configs, sim_config = setup.agent_configs(), setup.write_simulator_config()
-        setup.write_script()
+        agents, radios = setup.manifest.fleet, setup.radios
+        sim_config = setup.write_simulator_config()
+        setup.write_launch()
         for line in setup.table():
             self._print(line)
         simulators = "1 simulator, " if sim_config else ""
-        router_config = setup.router_config()
-        router = "1 router, " if router_config else ""
-        link_configs = setup.link_configs()
-        links = f"{len(link_configs)} link, " if link_configs else ""
-        what = f"{simulators}{router}{links}{len(configs)} agents, 1 station"
+        routed = bool(setup.manifest.routers)
+        router = "1 router, " if routed else ""
+        links = f"{len(radios)} link, " if radios else ""
+        what = f"{simulators}{router}{links}{len(agents)} agents, 1 station"
         self._print(f"starting {what}; run folder {folder}")
-        if rules := setup.keeper_rules():
-            address = setup.manifest.lockstep or ""
-            self._keeper = keeper(address, rules, folder / "clock.log")
+        if setup.options.lockstep is not None:
+            self._keeper = keeper(folder)
             self._wait_ready(_START_WALL_S)
-        if router_config is not None:
-            self._router = HostRouter(router_config, self._say, self._patience_wall_s)
-        options = setup.options
+        if routed:
+            self._router = HostRouter(folder, self._say, self._patience_wall_s)
         # before the agents, whose ticks take the processors from its imports; many agents
         # would not leave it any
         self._go_on()
-        self._station = station(folder, folder / "station.log", options.show, options.attach)
-        if router_config is not None:
+        self._station = station(folder)
+        if routed:
             self._wait_ready(_START_WALL_S)
         if sim_config:
             self._simulator = simulator(sim_config, folder / "simulator.log")
-        for k, link_config in enumerate(link_configs, start=1):
-            self._links.append(RadioLink(f"{LINK}-{k}", link_config))
+        for k, radio in enumerate(radios, start=1):
+            self._links.append(RadioLink(folder, k, radio))
         (folder / "agents").mkdir()
-        for config in configs:
+        for agent in agents:
             self._go_on()
-            self._agents.append(AgentChild(config))
-        if relay_config := setup.write_relay_config():
-            self._relay = relay(relay_config, folder / "gcs.log")
+            self._agents.append(AgentChild(folder, agent.id))
+        if setup.options.gcs:
+            self._relay = relay(folder)
         self._wait_ready(_START_WALL_S)
         self._write_pids()
 

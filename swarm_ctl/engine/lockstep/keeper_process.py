@@ -1,11 +1,15 @@
-"""The keeper's process, a child of `run`: `python -m swarm_ctl.engine.lockstep.keeper_process
-ADDRESS RULES` (JSON). It ends when its lifeline has, and all members have left."""
+"""The keeper's process, a child of `run`: `python -m swarm_ctl.engine.lockstep.keeper_process RUN`.
+It ends when its lifeline has, and all members have left.
+
+All others wait for it to start, so it reads its part of the run folder without pydantic.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import sys
+from pathlib import Path
 
 from swarm_ctl.engine.forked import serve
 from swarm_ctl.engine.lifeline import READY, PipeLifeline
@@ -14,7 +18,9 @@ from swarm_ctl.engine.lockstep.keeper import Keeper, Rules
 
 def keep(lifeline: PipeLifeline) -> int:
     """Keep mission time; the exit code."""
-    address, rules = sys.argv[1], json.loads(sys.argv[2])
+    run = Path(sys.argv[1])
+    address = json.loads((run / "run.json").read_bytes())["lockstep"]
+    rules = json.loads((run / "launch.json").read_bytes())["keeper"]
 
     def note(text: str) -> None:
         sys.stderr.write(f"{text}\n")

@@ -12,14 +12,12 @@ import sys
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Final
 
 from swarm_ctl.core.model.fleet import FleetAgent
 from swarm_ctl.core.swarm.radio import budget
 from swarm_ctl.engine.clock import pause, wall_s
-from swarm_ctl.engine.forked import serve_forked
 from swarm_ctl.engine.lifeline import ALIVE, READY, Lifeline
 from swarm_ctl.engine.radio.load import RadioLoad
 from swarm_ctl.engine.radio.switch import RadioRoute, Switch
@@ -180,18 +178,6 @@ class LinkConfig:
     signed: bool = False
     bytes_per_s: int | None = None
     """What the radio carries; None: as the fleet says."""
-    log: Path | None = None
-    """Where stdout and stderr go; None: they stay."""
-
-    @property
-    def radio(self) -> str:
-        """The radio's endpoint."""
-        return self.agents[0].reached_at or ""
-
-
-def child_main(config: LinkConfig, connection: Connection) -> None:
-    """Entry of the link that `run` forks."""
-    serve_forked(lambda lifeline: run_link(config, lifeline), config.log, connection)
 
 
 def run_link(

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final
 
 from swarm_ctl.engine.clock import pause, wall_s
-from swarm_ctl.engine.forked import serve_forked
 from swarm_ctl.engine.lifeline import ALIVE, READY, Lifeline
 from swarm_ctl.engine.protection import access, router_identity
 from swarm_ctl.engine.refused_links import News, refused_links
@@ -40,13 +38,6 @@ class RouterConfig:
     """The folder with the router's own keys; None: the mesh is open."""
     zenoh: Mapping[str, Any] = field(default_factory=dict)
     """A user's own zenoh settings."""
-    log: Path | None = None
-    """Where stdout and stderr go; None: they stay."""
-
-
-def child_main(config: RouterConfig, connection: Connection) -> None:
-    """Entry of the router that `run` forks."""
-    serve_forked(lambda lifeline: run_router(config, lifeline), config.log, connection)
 
 
 def run_router(config: RouterConfig, lifeline: Lifeline) -> int:

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Final
-
-from pydantic import TypeAdapter
 
 from swarm_ctl.commands.parse import parse
 from swarm_ctl.commands.send import SentCommand
@@ -14,9 +11,6 @@ from swarm_ctl.engine.script import Holding, StationScript, holds
 from swarm_ctl.engine.station.ground_station import Station
 from swarm_ctl.errors import InputError
 
-SCRIPT: Final = "script.json"
-"""In a run folder: what its station does."""
-SCRIPT_JSON: Final = TypeAdapter(StationScript)
 _ROUNDING_S: Final = 1e-9
 
 
@@ -49,9 +43,3 @@ def give_line(station: Station, line: str, number: int) -> SentCommand:
     """Give an order of the scenario, which is its `number`-th; InputError where there can't be
     one."""
     return station.order(parse(line, station.plan), f"order-{number}")
-
-
-def script_of(folder: Path) -> StationScript | None:
-    """Of a run folder; None: nothing is said there."""
-    path = folder / SCRIPT
-    return SCRIPT_JSON.validate_json(path.read_bytes()) if path.exists() else None

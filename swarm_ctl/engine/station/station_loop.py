@@ -15,10 +15,11 @@ from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.swarm.hearing import hears_all
 from swarm_ctl.engine import clock as wall
 from swarm_ctl.engine.lockstep.seat import Seat, die
+from swarm_ctl.engine.script import StationScript
 from swarm_ctl.engine.station.attachments import Attachments
 from swarm_ctl.engine.station.ground_station import Station
 from swarm_ctl.engine.station.screens import Screen
-from swarm_ctl.engine.station.scripted_operator import ScriptedOperator, script_of
+from swarm_ctl.engine.station.scripted_operator import ScriptedOperator
 from swarm_ctl.errors import InputError
 from swarm_ctl.station.picture.view import AgentView, SwarmView
 
@@ -121,12 +122,14 @@ class RunControl(Control):
     """Of a run's own station: `run` ends it. When `run` is killed, the station ends after the
     agents and the simulator. In a scenario, its operator has his turn at the end of each tick."""
 
-    def __init__(self, pipe: ControlPipe, seat: Seat, folder: Path) -> None:
+    def __init__(
+        self, pipe: ControlPipe, seat: Seat, folder: Path, script: StationScript | None = None
+    ) -> None:
         self._pipe = pipe
         self._seat = seat
         self._truth = folder / "truth.jsonl"
         self._accounts = folder / "agents"
-        self._script = script_of(folder)
+        self._script = script
         self._operator: ScriptedOperator | None = None
         self._look_wall_s = 0.0
         self._agents_ended_s: float | None = None

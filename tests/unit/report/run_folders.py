@@ -82,6 +82,13 @@ def manifest(plan: Plan = PLAN, **changes: Any) -> Manifest:
     return Manifest(**(made | changes))
 
 
+def write_routed(folder: Path, at: str, **changes: Any) -> None:
+    """The manifest of a run whose router listens at this place."""
+    made = manifest(**changes)
+    fleet = tuple(replace(agent, mesh=None, router=at) for agent in made.fleet)
+    write_manifest(folder, made.model_copy(update={"fleet": fleet}))
+
+
 def account(agent: int, **changes: Any) -> AgentStatus:
     """An agent's final account of the completed flight."""
     made = status_of(
