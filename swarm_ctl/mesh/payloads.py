@@ -239,11 +239,12 @@ _READERS: Final[dict[type[Any], Callable[[bytes], Any]]] = {
 } | {
     Command: _decode_command,
     TargetWord: _decode_target,
-    # What all agents hear, and nothing in it changes: where they share a process, equal bytes are
-    # one object.
+    # What many hear, and nothing in it changes: where they share a process, equal bytes are one
+    # object.
     AgentState: lru_cache(128)(_decode_state),
     ClockNews: lru_cache(128)(_decode_clock),
     StationBeacon: lru_cache(8)(_decode_json(StationBeacon)),
+    AgentStatus: lru_cache(32)(_decode_json(AgentStatus)),
 }
 
 

@@ -9,9 +9,10 @@ replays (`station/picture/model.py`) and by reports (`report/folder/`).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import fields, is_dataclass, replace
-from typing import Final
+from functools import lru_cache
+from typing import Any, Final
 
 from swarm_ctl.core.model.messages import (
     NO_EXCHANGE,
@@ -165,24 +166,29 @@ def _has(steps: int) -> str:
 
 
 def _odd_figure(payload: object) -> str:
-    for name, value in _figures("", payload):
+    for name, value in _figures(payload):
         most = _MOST if isinstance(value, float) else _MOST_WHOLE
         if not -most <= value <= most:
             return f"its {name} is {value:.3g}; allowed: up to {most:.0g}"
     return ""
 
 
-def _figures(name: str, value: object) -> Iterable[tuple[str, float]]:
+def _figures(payload: object) -> Iterable[tuple[str, float]]:
     """All numbers in a payload, with the name of the field that has them."""
-    if isinstance(value, float | int):
-        yield name, value
-    elif is_dataclass(value):
-        for field in fields(value):
-            yield from _figures(field.name, getattr(value, field.name))
-    elif isinstance(value, Mapping):
-        for key, one in value.items():
-            yield from _figures(name, key)
-            yield from _figures(name, one)
-    elif isinstance(value, tuple | list):
-        for one in value:
-            yield from _figures(name, one)
+    left: list[tuple[str, Any]] = [("", payload)]
+    for name, value in left:  # it grows meanwhile
+        if isinstance(value, (float, int)):
+            yield name, value
+        elif isinstance(value, (tuple, list)):
+            left += [(name, one) for one in value]
+        elif isinstance(value, dict):
+            left += [(name, one) for pair in value.items() for one in pair]
+        else:
+            kind: Any = type(value)
+            left += [(field, getattr(value, field)) for field in _fields_of(kind)]
+
+
+@lru_cache(64)
+def _fields_of(kind: type[Any]) -> tuple[str, ...]:
+    """Of a dataclass; none of any other type."""
+    return tuple(field.name for field in fields(kind)) if is_dataclass(kind) else ()
