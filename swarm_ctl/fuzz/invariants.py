@@ -30,6 +30,7 @@ from swarm_ctl.core.safety.surroundings import Outline
 from swarm_ctl.fuzz.losses import ACTS_S, policies_act
 from swarm_ctl.fuzz.seen import FLIES, FREE_M, Seen
 from swarm_ctl.fuzz.setpoints import rooms_are_shared
+from swarm_ctl.mission.checks.group_checks import crowded
 from swarm_ctl.mission.compile.forecast import forecast
 from swarm_ctl.report.judge.summary import StepVerdict
 from swarm_ctl.runfolder.truth import EventKind
@@ -808,8 +809,8 @@ def _forecast(seen: Seen) -> Iterator[str]:
     summary = seen.flown.summary
     autopilots = [entry.autopilot for entry in seen.flown.mission.fleet.agents]
     expected = forecast(seen.plan, autopilots)
-    if any(step.expected_s is None for step in expected):
-        return  # `validate` says that it does not get there
+    if any(step.expected_s is None for step in expected) or any(crowded(seen.plan)):
+        return  # `validate` says that it may not get there
     # the judge takes an agent's times for the truth's, so what it finds of other clocks is not held
     # against the flight
     own = [said[-1].outcome for said in seen.statuses.values() if said]

@@ -21,6 +21,7 @@ from swarm_ctl.core.safety.fence import inside
 from swarm_ctl.core.swarm.radio import LEAST_HZ, budget
 from swarm_ctl.law_loader import own_law
 from swarm_ctl.mission.checks import envelope
+from swarm_ctl.mission.checks.group_checks import crowded
 from swarm_ctl.mission.fleet.build_fleet import fleet_of
 from swarm_ctl.mission.fleet.exposure import exposures
 from swarm_ctl.mission.geometry.shapes import slot_count
@@ -193,6 +194,17 @@ def _wakes(_mission: MissionFile, plan: Plan) -> Findings:
                     " m/s there"
                 )
                 yield Mistake((*place_of(at), "shape"), what, "")
+
+
+def _crowded_groups(mission: MissionFile, plan: Plan) -> Findings:
+    r_out = said(plan.law.r_out * plan.unit_m, mission)
+    for at, agent, other, apart_m in crowded(plan):
+        apart = said(apart_m, mission)
+        what = (
+            f"agent {agent} is to be {apart} from agent {other}, which stays: so far inside its"
+            f" avoidance region (law.r_out, {r_out}) it may not come to its place"
+        )
+        yield Mistake(place_of(at), what, "")
 
 
 def _limits_at_once(_mission: MissionFile, plan: Plan) -> Findings:
@@ -439,6 +451,7 @@ _WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (
     _low,
     _loose_tolerance,
     _wakes,
+    _crowded_groups,
     _limits_at_once,
     _played_targets,
     _doubtful_steps,

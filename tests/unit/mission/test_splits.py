@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from swarm_ctl.core.model.route import Routes
 from swarm_ctl.errors import MissionError, Problem
+from swarm_ctl.mission.checks.group_checks import crowded
 from swarm_ctl.mission.checks.mission_checks import _dead_lock
 from swarm_ctl.mission.compile.loader import loads
 
@@ -167,3 +168,29 @@ def test_barriers_in_two_orders_are_refused(
     left = {"one": [n for n in one if n in other], "other": list(other)}
     found = list(_dead_lock(2, {name: list(order) for name, order in left.items()}))
     assert bool(found) == (left["one"] != left["other"])
+
+
+@pytest.mark.parametrize(
+    ("moves", "told"),
+    [
+        ("{by: [0, -20]}", []),
+        ("{by: [0, -2]}", []),  # 7 m from agent 5: inside r_out, and reached
+        ("{by: [0, -5]}", [(3, 1, 5, 4.0)]),  # agent 5 is in no group of the split, and stays
+        ("{by: [0, 4]}", [(3, 1, 2, 5.0), (3, 3, 5, 5.0)]),  # agent 2 waits at the barrier, too
+        # west does not wait beside east, and agent 5 is there all the time
+        ("{by: [0, 4]}\n        - move: {by: [0, -24]}", [(3, 3, 5, 5.0)]),
+    ],
+)
+def test_a_place_beside_an_agent_that_stays_may_not_be_reached(
+    moves: str, told: list[tuple[int, int, int, float]]
+) -> None:
+    plan = loads(edited(("{by: [0, -20]}", moves))).plan
+    found = [(at.number, agent, other, apart_m) for at, agent, other, apart_m in crowded(plan)]
+    assert found == [(*whom, pytest.approx(apart_m)) for *whom, apart_m in told]
+
+
+def test_it_is_a_warning() -> None:
+    text = edited(("{by: [0, -20]}", "{by: [0, -5]}"))
+    words = [each for each in loads(text).warnings if "may not come" in each]
+    assert len(words) == 1
+    assert "agent 1 is to be 4 m from agent 5" in words[0]
