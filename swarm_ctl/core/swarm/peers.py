@@ -153,7 +153,7 @@ class Peers:
         self, now: float, contacts: Sequence[Contact] = (), own_m: Point = (0.0, 0.0)
     ) -> PeerSnapshot:
         """The other aircraft now; `own_m` decides which contacts are the nearest ones."""
-        peers = self._vacated.at_rest(tuple([peer.view(now) for peer in self]))
+        peers = self._vacated.at_rest(tuple([peer.view(now) for peer in self._by_id.values()]))
         traffic = self._traffic.unexplained(now, contacts, peers, own_m)
         self._vacated.look(now, contacts, peers, sees=bool(self._traffic.seen))
         self._compare(now)

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final, NamedTuple, TypeAlias
 
 from swarm_ctl.core.model.messages import AgentState, CommandKind, Phase
 from swarm_ctl.core.model.plan import Point
+from swarm_ctl.core.model.rows import row
 from swarm_ctl.core.model.timeouts import FAR_LATE_S, PREDICT_S
 from swarm_ctl.core.model.vehicle import OVER_M
 
@@ -101,7 +102,7 @@ def predicted_s(peer: OtherAircraft) -> float:
     return PREDICT_S + FAR_LATE_S if peer.far else PREDICT_S
 
 
-@dataclass(frozen=True, slots=True)
+@row
 class PeerSnapshot:
     """All other aircraft at one tick."""
 
@@ -164,7 +165,7 @@ class PeerSnapshot:
         ]
 
 
-@dataclass(frozen=True, slots=True)
+@row
 class Formation:
     """What an agent flies with its peers in this tick."""
 

@@ -106,7 +106,7 @@ class Traffic:
         if not followed:
             return [*range(len(at))]
         ages = [peer.age(now) if peer.far else peer.age_s for peer in followed]
-        told = [_carried_on(peer, age_s) for peer, age_s in zip(followed, ages, strict=True)]
+        told = list(map(_carried_on, followed, ages))
         explained, seen = set[int](), []
         for k, j in _near(at, told):
             peer, report, age_s = followed[j], reports[k], ages[j]
