@@ -22,6 +22,11 @@ from swarm_ctl.rim import Rim
 _LIMIT: Final = 20_000
 """Messages that may wait: ten seconds of a hundred agents."""
 _CHUNK_WALL_S: Final = 1.0
+_PAUSES: Final = 4
+"""In the time of a chunk. Messages are written together: a thread that wakes for each one costs the
+loop beside it its place in the processor's caches."""
+_PAUSES_LIVE: Final = 20
+"""What is shown live is shown soon."""
 
 
 Derive: TypeAlias = Callable[[Payload, float], Iterable[Derived]]
@@ -82,6 +87,9 @@ class Recorder:
         self._due: dict[tuple[str, Any], float] = {}
         self._truth = _Tail(truth) if truth else None
         self.dropped = 0
+        live = any(not isinstance(sink, McapWriter) for sink in sinks)
+        self._pauses = _PAUSES_LIVE if live else _PAUSES
+        self._closing = threading.Event()
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
         self._thread.start()
 
@@ -95,6 +103,7 @@ class Recorder:
     def close(self, patience_wall_s: float = 5.0) -> None:
         """Write the queue, index and footer; gives up if the disk does not answer."""
         self._queue.put(None)
+        self._closing.set()
         self._thread.join(patience_wall_s)
 
     def _work(self) -> None:
@@ -119,10 +128,10 @@ class Recorder:
         timer.daemon = True
         timer.start()
         while going and not alarm.is_set():
-            try:
-                item = self._queue.get(timeout=_CHUNK_WALL_S / 4)
-            except queue.Empty:
+            if self._queue.empty():
+                self._closing.wait(_CHUNK_WALL_S / self._pauses)
                 continue
+            item = self._queue.get()
             if item is None:
                 going = False
             else:
