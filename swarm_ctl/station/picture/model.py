@@ -269,7 +269,7 @@ class Model:
 
     def _has_room(self, payload: Payload) -> bool:
         """Whether the speaker is known, or its table has a place for it."""
-        if isinstance(payload, AgentState | AgentStatus | SigmaReport | Event | Ack):
+        if isinstance(payload, (AgentState, AgentStatus, SigmaReport, Event, Ack)):
             known = payload.agent in self._heard
             return known or len(self._heard) < len(self._planned) + _STRANGERS
         return True
