@@ -25,8 +25,9 @@ def completed(
     monkeypatch.chdir(tmp_path)
     for name in (OLD, NEW):
         Path(name).mkdir(parents=True)
-        # the new one flies, by agents that other hosts started: no process here tells of them
-        write_manifest(Path(name), manifest(elsewhere=name == NEW))
+        # the new one flies, by agents that other hosts started: no process here tells of them;
+        # begun before this machine was started, a run would have ended, whatever else it says
+        write_manifest(Path(name), manifest(elsewhere=name == NEW, epoch_s=0.0))
 
     def complete(line: str) -> list[str]:
         monkeypatch.setenv("_SWARM_CTL_COMPLETE", "complete_bash")
