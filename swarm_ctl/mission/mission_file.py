@@ -47,11 +47,11 @@ class MissionFile(Section):
     prepare_timeout_s: Timeout = 120.0
     """How long agents wait until all vehicles are healthy and all agents are heard."""
     law: LawSection
-    vehicle: VehicleSection = VehicleSection()
-    safety: SafetySection = SafetySection()
-    wake: WakeSection = WakeSection()
-    policies: PolicySection = PolicySection()
-    fence: FenceSection = FenceSection()
+    vehicle: VehicleSection = VehicleSection.model_construct()
+    safety: SafetySection = SafetySection.model_construct()
+    wake: WakeSection = WakeSection.model_construct()
+    policies: PolicySection = PolicySection.model_construct()
+    fence: FenceSection = FenceSection.model_construct()
     zones: dict[Name, ZoneSection] = Field(default={}, max_length=250)
     """Places that no vehicle enters, by name; or the path of a GeoJSON, KML or QGroundControl
     `.plan` file, relative to the mission file."""
@@ -71,7 +71,7 @@ class MissionFile(Section):
     steps: tuple[StepEntry, ...] = Field(min_length=1, max_length=1000)
     fleet: FleetSection | None = None
     """The vehicles, or the path of a fleet file relative to this file. Default: all simulated."""
-    simulation: SimulationSection = SimulationSection()
+    simulation: SimulationSection = SimulationSection.model_construct()
 
     def in_units(self) -> MissionFile:
         """The same, with every length in units of its `unit_m`. A mission in metres that names

@@ -40,7 +40,6 @@ class PlanAndFleet(BaseModel):
         frozen=True,
         extra="forbid",
         strict=True,
-        use_attribute_docstrings=True,
         defer_build=True,  # a run needs its manifest alone
     )
 

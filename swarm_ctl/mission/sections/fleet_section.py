@@ -122,5 +122,5 @@ class VehicleLimits(Written[Limits]):
 class VehicleSection(Section):
     """What holds for all vehicles of the mission."""
 
-    response: VehicleResponse = VehicleResponse()
-    limits: VehicleLimits = VehicleLimits()
+    response: VehicleResponse = VehicleResponse.model_construct()
+    limits: VehicleLimits = VehicleLimits.model_construct()

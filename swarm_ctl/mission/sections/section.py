@@ -16,7 +16,9 @@ from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeVar, get_type_hints
 
 from annotated_types import Ge, Le
-from pydantic import BaseModel, ConfigDict, Field, create_model
+from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler, create_model
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.core.model.policies import DERIVED
@@ -43,9 +45,29 @@ class Section(BaseModel):
         extra="forbid",
         strict=True,
         allow_inf_nan=False,
-        use_attribute_docstrings=True,
         defer_build=True,  # sections are read as parts of the file, which is built as one
     )
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """With the texts below the fields, which are looked up for a schema alone: that takes
+        longer than to read a mission."""
+        schema = handler(core)
+        fields = handler.resolve_ref_schema(schema).get("properties", {})
+        for name, text in cls.described().items():
+            if name in fields:
+                fields[name].setdefault("description", text)
+        return schema
+
+    @classmethod
+    def described(cls) -> dict[str, str]:
+        """The texts below the fields."""
+        found = dict[str, str]()
+        for each in reversed(cls.__mro__):
+            found |= _docstrings(each) if issubclass(each, Section) else {}
+        return found
 
 
 T = TypeVar("T")
@@ -55,9 +77,13 @@ class Written(Section, Generic[T]):
     """`Written[Limits]` has the fields of the plan's `Limits`, as a file gives them: those that the
     plan derives are None where the file does not."""
 
-    model_config = ConfigDict(use_attribute_docstrings=False)  # `_docstrings` finds them
     plan_type: ClassVar[type[Any]]
     plan_hints: ClassVar[dict[str, Any]]
+
+    @classmethod
+    def described(cls) -> dict[str, str]:
+        """Those of the plan's type."""
+        return super().described() | _docstrings(cls.plan_type)
 
     def planned(self, **derived: Any) -> T:
         """As the plan has it; `derived` has all that the plan derives, each kept within bounds."""
@@ -89,7 +115,7 @@ def _within(of: Any, value: Any) -> Any:
 
 def _fields(plan_type: type[Any]) -> dict[str, Any]:
     """For `create_model`."""
-    hints, docstrings = get_type_hints(plan_type, include_extras=True), _docstrings(plan_type)
+    hints = get_type_hints(plan_type, include_extras=True)
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(plan_type):
         of: Any = hints[field.name]
@@ -98,7 +124,7 @@ def _fields(plan_type: type[Any]) -> dict[str, Any]:
             of, default = of | None, None
         elif isinstance(of, type) and issubclass(of, Enum):
             of = Annotated[of, Field(strict=False)]  # a file has its value
-        fields[field.name] = of, Field(default=default, description=docstrings.get(field.name))
+        fields[field.name] = of, Field(default=default)
     return fields
 
 

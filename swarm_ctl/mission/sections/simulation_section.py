@@ -91,7 +91,7 @@ class FaultEntry(Section):
     """How long; then each parameter gets its first value again. Default: to the end."""
     agents: Annotated[tuple[AgentId, ...], Field(min_length=1, max_length=250)] | None = None
     """Agents whose vehicles it hits. Default: all."""
-    set: SimParameters = SimParameters()
+    set: SimParameters = SimParameters.model_construct()
     pilot: Pilot | None = None
     """A pilot takes the vehicles over, with a mode of this kind; never with `for_s`."""
 
@@ -99,7 +99,7 @@ class FaultEntry(Section):
 class SimulationSection(Section):
     """Weather and faults of simulated vehicles; vehicles with an endpoint ignore them."""
 
-    parameters: SimParameters = SimParameters()
+    parameters: SimParameters = SimParameters.model_construct()
     """Of all simulated vehicles, from the start."""
     since: Literal["liftoff", "start"] = "liftoff"
     """Zero of the faults' times: the first lift-off, or the run's start (seconds before arming)."""

@@ -37,7 +37,6 @@ class _SummaryPart(BaseModel):
     model_config = ConfigDict(
         frozen=True,
         extra="forbid",
-        use_attribute_docstrings=True,
         defer_build=True,  # parts are read within the summary, which is built as one
     )
 

@@ -36,11 +36,11 @@ def test_without_sources_a_section_lacks_descriptions_alone(
     def missing(_: object) -> str:
         raise OSError("could not get source code")
 
-    whole = section._fields(Limits)
+    whole = VehicleLimits.model_json_schema()["properties"]
     monkeypatch.setattr(inspect, "getsource", missing)
     section._classes.cache_clear()
-    bare = section._fields(Limits)
+    bare = VehicleLimits.model_json_schema()["properties"]
     section._classes.cache_clear()
-    assert [bool(field.description) for _, field in whole.values()] == [True, True, False]
-    assert not any(field.description for _, field in bare.values())
-    assert [of for of, _ in bare.values()] == [of for of, _ in whole.values()]
+    told = [field.pop("description", "") for field in whole.values()]
+    assert list(map(bool, told)) == [True, True, False]
+    assert bare == whole
