@@ -16,9 +16,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.core.model.geometry import Point
 from swarm_ctl.core.model.plan import Plan
-from swarm_ctl.mavlink.framer import Framer, MavlinkFrame
+from swarm_ctl.mavlink.framer import MavlinkFrame
 from swarm_ctl.mavlink.outgoing import AUTOPILOT_COMPONENT, Message, interval
 from swarm_ctl.mavlink.signing import LinkSigning
+from swarm_ctl.mavlink.visitor import EACH_S, WAIT_S, Visitor
 from swarm_ctl.mavlink.wires import Wire
 
 FENCE: Final = dialect.MAV_MISSION_TYPE_FENCE
@@ -30,11 +31,6 @@ CIRCLE_INSIDE, CIRCLE_OUTSIDE = (
     dialect.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION,
     dialect.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION,
 )
-_SYSTEM: Final = 254
-"""Neither an agent nor a usual ground station (255)."""
-_EACH_S: Final = 1.0
-_WAIT_S: Final = 15.0
-"""For the vehicle's first heartbeat, and for each of its words."""
 _MOST: Final = 1000
 
 
@@ -102,12 +98,8 @@ class FenceTransfer:
         items: Sequence[FenceItem] | None,
         signing: LinkSigning | None = None,
     ) -> None:
-        self._wire, self._sysid, self._items, self._signing = wire, sysid, items, signing
-        self._codec = dialect.MAVLink(None, _SYSTEM, dialect.MAV_COMP_ID_ONBOARD_COMPUTER)
-        self._reader = dialect.MAVLink(None)
-        if signing is not None:
-            signing.equip(self._codec)
-        self._framer = Framer()
+        self._sysid, self._items, self._signing = sysid, items, signing
+        self._visitor = Visitor(wire, sysid, signing)
         self._heard = self._armed = False
         self._count: int | None = None
         self._found: dict[int, FenceItem] = {}
@@ -120,7 +112,8 @@ class FenceTransfer:
     def step(self, now: float) -> FenceReport | None:
         """Take in what has come, and send what is due."""
         self._now = now
-        self._listen()
+        for frame in self._visitor.heard(now):
+            self._take(frame)
         try:
             next(self._plan)
         except StopIteration as end:
@@ -133,7 +126,7 @@ class FenceTransfer:
         yield from self._until(lambda: self._heard, self._greet)
         about = f"vehicle {self._sysid}"
         if not self._heard:
-            return f"{about} was not heard in {_WAIT_S:.0f} s"
+            return f"{about} was not heard in {WAIT_S:.0f} s"
         if self._items is not None:
             if self._armed:
                 return f"{about} is armed; allowed: a disarmed one"
@@ -170,12 +163,12 @@ class FenceTransfer:
         self, condition: Callable[[], bool], act: Callable[[], None]
     ) -> Generator[None, None, None]:
         """Say it again each second; what comes meanwhile gives it more time."""
-        end, due, seen = self._now + _WAIT_S, self._now, len(self._found)
+        end, due, seen = self._now + WAIT_S, self._now, len(self._found)
         while not condition() and self._now < end:
             more = len(self._found) > seen
             if self._now >= due or more:
-                end = self._now + _WAIT_S if more else end
-                due, seen = self._now + _EACH_S, len(self._found)
+                end = self._now + WAIT_S if more else end
+                due, seen = self._now + EACH_S, len(self._found)
                 act()
             yield
 
@@ -211,31 +204,14 @@ class FenceTransfer:
         self._given = True
 
     def _say(self, message: Message) -> None:
-        if self._signing is not None:
-            self._codec.signing.timestamp = self._signing.next_stamp(self._now)
-        data = message.pack(self._codec)
-        self._codec.seq = (self._codec.seq + 1) & 0xFF
-        try:
-            self._wire.write(data, self._now)
-        except OSError:
-            return  # it is sent again
+        self._visitor.say(message, self._now)
 
     # --- what is heard ---
-
-    def _listen(self) -> None:
-        try:
-            while (chunk := self._wire.read(self._now)) is not None:
-                for frame in self._framer.feed(chunk):
-                    if (frame.system, frame.component) == (self._sysid, AUTOPILOT_COMPONENT):
-                        self._wire.confirm()
-                        self._take(frame)
-        except OSError:
-            return  # the wire connects again
 
     def _take(self, frame: MavlinkFrame) -> None:
         if self._signing is not None and self._signing.refusal(frame) is not None:
             return
-        message: Any = self._reader.decode(bytearray(frame.raw))
+        message = self._visitor.read(frame)
         kind = message.get_type()
         if kind == "HEARTBEAT":
             self._heard = True

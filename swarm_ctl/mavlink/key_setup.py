@@ -6,20 +6,16 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from enum import Enum, StrEnum
-from typing import Any, Final
+from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from swarm_ctl.mavlink.framer import Framer, MavlinkFrame
-from swarm_ctl.mavlink.outgoing import AUTOPILOT_COMPONENT, Message, interval, request
+from swarm_ctl.mavlink.framer import MavlinkFrame
+from swarm_ctl.mavlink.outgoing import AUTOPILOT_COMPONENT, interval, request
 from swarm_ctl.mavlink.signing import KEY_BYTES, LinkSigning, SigningRefusal
+from swarm_ctl.mavlink.visitor import EACH_S, WAIT_S, Visitor
 from swarm_ctl.mavlink.wires import Wire
 
-_SYSTEM: Final = 254
-"""Neither an agent nor a usual ground station (255)."""
-_EACH_S: Final = 1.0
-_WAIT_S: Final = 15.0
-"""For the vehicle's first heartbeat, and for each thing that it is to do."""
 _UNSIGNED_S: Final = 3.0
 """In which the vehicle does not answer unsigned frames: three are sent."""
 
@@ -61,13 +57,8 @@ class KeySetup:
     def __init__(
         self, wire: Wire, sysid: int, key: bytes, signing: LinkSigning, *, clear: bool = False
     ) -> None:
-        self._wire, self._sysid, self._clear = wire, sysid, clear
-        self._key, self._signing = key, signing
-        self._framer = Framer()
-        self._open = dialect.MAVLink(None, _SYSTEM, dialect.MAV_COMP_ID_ONBOARD_COMPUTER)
-        self._signed = dialect.MAVLink(None, _SYSTEM, dialect.MAV_COMP_ID_ONBOARD_COMPUTER)
-        self._reader = dialect.MAVLink(None)
-        signing.equip(self._signed)
+        self._sysid, self._clear, self._key, self._signing = sysid, clear, key, signing
+        self._open, self._signed = Visitor(wire, sysid), Visitor(wire, sysid, signing)
         self._signs: Signs | None = None
         self._armed = self._px4 = False
         self._answered: set[int] = set()
@@ -77,7 +68,8 @@ class KeySetup:
     def step(self, now: float) -> KeyReport | None:
         """Take in what has come, and send what is due."""
         self._now = now
-        self._listen()
+        for frame in self._open.heard(now):
+            self._take(frame)
         try:
             next(self._plan)
         except StopIteration as end:
@@ -90,7 +82,7 @@ class KeySetup:
         """One thing after another; its value is the trouble."""
         yield from self._until(lambda: self._signs is not None, self._greet)
         if self._signs is None:
-            return f"vehicle {self._sysid} was not heard in {_WAIT_S:.0f} s"
+            return f"vehicle {self._sysid} was not heard in {WAIT_S:.0f} s"
         if self._armed:
             return f"vehicle {self._sysid} is armed; allowed: a disarmed one, on the bench"
         wanted = Signs.NOT if self._clear else Signs.OURS
@@ -122,57 +114,37 @@ class KeySetup:
         return _Asks.SIGNED.value in self._answered
 
     def _until(self, condition: Callable[[], bool], act: Callable[[], None]) -> Iterator[None]:
-        end, due = self._now + _WAIT_S, self._now
+        end, due = self._now + WAIT_S, self._now
         while not condition() and self._now < end:
             if self._now >= due:
-                due = self._now + _EACH_S
+                due = self._now + EACH_S
                 act()
             yield
 
     def _greet(self) -> None:
         """A vehicle on UDP speaks to those that it has heard."""
-        for codec in (self._open, self._signed):
-            self._send(interval(self._sysid, dialect.MAVLINK_MSG_ID_HEARTBEAT, 1.0), codec)
+        for visitor in (self._open, self._signed):
+            visitor.say(interval(self._sysid, dialect.MAVLINK_MSG_ID_HEARTBEAT, 1.0), self._now)
 
     def _set(self) -> None:
         key = bytes(KEY_BYTES) if self._clear else self._key
         stamp = 0 if self._clear else self._signing.next_stamp(self._now)
         to = (self._sysid, AUTOPILOT_COMPONENT)
         message = dialect.MAVLink_setup_signing_message(*to, list(key), stamp)
-        self._send(message, self._signed if self._clear else self._open)
+        (self._signed if self._clear else self._open).say(message, self._now)
 
     def _say(self, ask: _Asks) -> None:
         if ask is _Asks.SIGNED:
             message = request(self._sysid, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
-            self._send(message, self._signed)
+            self._signed.say(message, self._now)
         else:
             message = interval(self._sysid, dialect.MAVLINK_MSG_ID_HEARTBEAT, 1.0)
-            self._send(message, self._open)
-
-    def _send(self, message: Message, codec: Any) -> None:
-        if codec is self._signed:
-            codec.signing.timestamp = self._signing.next_stamp(self._now)
-        data = message.pack(codec)
-        codec.seq = (codec.seq + 1) & 0xFF
-        try:
-            self._wire.write(data, self._now)
-        except OSError:
-            return  # it is sent again
-
-    def _listen(self) -> None:
-        try:
-            while (chunk := self._wire.read(self._now)) is not None:
-                for frame in self._framer.feed(chunk):
-                    if (frame.system, frame.component) == (self._sysid, AUTOPILOT_COMPONENT):
-                        self._wire.confirm()
-                        self._take(frame)
-        except OSError:
-            return  # the wire connects again
+            self._open.say(message, self._now)
 
     def _take(self, frame: MavlinkFrame) -> None:
         why = self._signing.refusal(frame)
         signs = Signs.OURS if why is None else _SIGNS.get(why, Signs.OURS)
-        message: Any = self._reader.decode(bytearray(frame.raw))
+        message = self._open.read(frame)
         kind = message.get_type()
         if kind == "HEARTBEAT":
             self._signs = signs

@@ -1,22 +1,17 @@
-"""Looks at one vehicle on a port beside its agent's, and sets its parameters.
-
-It sends no heartbeat, so no vehicle counts it as a ground station whose silence matters.
-"""
+"""Looks at one vehicle on a port beside its agent's, and sets its parameters."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from swarm_ctl.mavlink.framer import Framer
-from swarm_ctl.mavlink.outgoing import AUTOPILOT_COMPONENT, interval, set_parameter
+from swarm_ctl.mavlink.framer import MavlinkFrame
+from swarm_ctl.mavlink.outgoing import Message, interval, set_parameter
+from swarm_ctl.mavlink.visitor import EACH_S, Visitor
 from swarm_ctl.mavlink.wires import open_wire
 
-_SYSTEM: Final = 254
-"""Neither an agent nor a usual ground station (255)."""
-_ASK_AGAIN_S: Final = 1.0
 _PREARM: Final = dialect.MAV_SYS_STATUS_PREARM_CHECK
 
 
@@ -36,20 +31,13 @@ class Onlooker:
         """Values that it has sent, by name."""
         self._sysid = sysid
         self._wire = open_wire(endpoint)
-        self._framer = Framer()
-        self._codec = dialect.MAVLink(None, _SYSTEM, dialect.MAV_COMP_ID_ONBOARD_COMPUTER)
+        self._visitor = Visitor(self._wire, sysid)
         self._ask_s = -math.inf
 
     def listen(self, now: float) -> None:
         """Take in what is there."""
-        try:
-            while (chunk := self._wire.read(now)) is not None:
-                for frame in self._framer.feed(chunk):
-                    if (frame.system, frame.component) == (self._sysid, AUTOPILOT_COMPONENT):
-                        self._wire.confirm()
-                        self._take(frame.raw)
-        except OSError:
-            return  # the wire connects again
+        for frame in self._visitor.heard(now):
+            self._take(frame)
 
     def ask_if_ready(self, now: float) -> None:
         """Have it say once a second whether it may arm."""
@@ -67,9 +55,9 @@ class Onlooker:
         """Close the endpoint. Idempotent."""
         self._wire.close()
 
-    def _take(self, raw: bytes) -> None:
+    def _take(self, frame: MavlinkFrame) -> None:
         try:
-            message: Any = self._codec.decode(bytearray(raw))
+            message = self._visitor.read(frame)
         except dialect.MAVError:
             return
         kind = message.get_type()
@@ -81,14 +69,8 @@ class Onlooker:
         elif kind == "PARAM_VALUE":
             self.parameters[message.param_id] = message.param_value
 
-    def _send_at_times(self, message: Any, now: float) -> None:
-        """At most once a second, so that a vehicle that is slow to start is not flooded."""
-        if now < self._ask_s:
-            return
-        self._ask_s = now + _ASK_AGAIN_S
-        data = message.pack(self._codec)
-        self._codec.seq = (self._codec.seq + 1) & 0xFF
-        try:
-            self._wire.write(data, now)
-        except OSError:
-            return  # asked again
+    def _send_at_times(self, message: Message, now: float) -> None:
+        """At most once a second."""
+        if now >= self._ask_s:
+            self._ask_s = now + EACH_S
+            self._visitor.say(message, now)
