@@ -7,11 +7,13 @@ where one was ended; `found/` has a scenario and a test for each thing that was 
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import multiprocessing
 import os
 import re
 import signal
+import tempfile
 import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -20,14 +22,17 @@ from pathlib import Path
 from typing import Any, Final
 
 from swarm_ctl.engine.clock import cpu_s, wall_s
+from swarm_ctl.engine.launch.flight_process import FlightProcess, ProgramFlight
+from swarm_ctl.engine.launch.run_setup import Lockstep, RunOptions
+from swarm_ctl.engine.station.screens import Show
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.fuzz.coverage import Coverage, CoverageCell, cells_of
 from swarm_ctl.fuzz.draw import draw
 from swarm_ctl.fuzz.invariants import Broken, Invariant, broken
-from swarm_ctl.fuzz.lockstep import unlike_as_processes
 from swarm_ctl.installed import version
-from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.mission.compile.loader import LoadedMission, dumps
 from swarm_ctl.signals import deaf_children, deaf_tracker, hears
+from swarm_ctl.virtual.as_processes import run_script
 from swarm_ctl.virtual.scenario import Scenario
 from swarm_ctl.virtual.scenario_flight import FlownScenario, fly_scenario
 
@@ -259,3 +264,58 @@ def test_it_is_mended() -> None:
     scenario = Path(__file__).with_name("{name}.yaml")
     assert fly(*load_scenario(scenario), twice=True)[1] == []
 '''
+
+
+_TRUTH: Final = "truth.jsonl"
+_ENDS_WALL_S: Final = 900.0
+"""Many times what eight agents take on a quiet machine."""
+_PATIENCE_WALL_S: Final = 120.0
+"""However busy the machine is, no process takes so long for a tick."""
+_LINES: Final = 20
+
+
+def unlike_as_processes(scenario: Scenario, mission: LoadedMission) -> str:
+    """What became otherwise, or '', of a drawn scenario as processes in lockstep: they have to
+    leave the truth of the virtual clock, byte for byte. '' also where something in the scenario
+    can't happen to processes, and where a flight reaches its bound, which they do not have."""
+    try:
+        script = run_script(scenario, mission.plan)
+    except InputError:
+        return ""
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        virtual = fly_scenario(scenario, mission, folder / "virtual")
+        if virtual.up:
+            return ""
+        options = RunOptions(
+            show=Show.LOG,
+            runs=folder / "runs",
+            seed=scenario.seed,
+            lockstep=Lockstep(patience_wall_s=_PATIENCE_WALL_S),
+            script=script,
+        )
+        named = str(mission.source)
+        said = _flown(folder, ProgramFlight(dumps(mission.file), named, options, report=False))
+        if said is None:
+            return f"processes had not ended after {_ENDS_WALL_S:g} s"
+        runs = [*(folder / "runs").glob("*")]
+        if len(runs) != 1 or not (runs[0] / _TRUTH).exists():
+            return f"processes left no truth: {said.strip()[-500:]}"
+        lines, flown = (
+            (each / _TRUTH).read_text(encoding="utf-8").splitlines()
+            for each in (folder / "virtual", runs[0])
+        )
+    pairs = itertools.zip_longest(lines, flown, fillvalue="none")
+    other = next((line for known, line in pairs if known != line), "")
+    return f"truth is another one, first by this line: {other[:200]}" if other else ""
+
+
+def _flown(folder: Path, flight: ProgramFlight) -> str | None:
+    """What its process said; None: it did not end, and was killed with its children."""
+    running = FlightProcess(folder, flight, apart=True)
+    try:
+        return running.said(_LINES) if running.wait(_ENDS_WALL_S) else None
+    finally:
+        if not running.over:  # also where this process is ended meanwhile
+            os.killpg(running.pid, signal.SIGKILL)
+        running.kill()

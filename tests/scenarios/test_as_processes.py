@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl.errors import InputError
-from swarm_ctl.fuzz import lockstep
-from swarm_ctl.fuzz.campaign import fly
-from swarm_ctl.fuzz.lockstep import unlike_as_processes
+from swarm_ctl.fuzz import campaign
+from swarm_ctl.fuzz.campaign import fly, unlike_as_processes
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.mission.input import yaml_file
 from swarm_ctl.virtual.as_processes import run_script
@@ -74,7 +73,7 @@ def test_a_drawn_flight_is_held_against_processes(monkeypatch: pytest.MonkeyPatc
     def otherwise(scenario: Scenario, mission: LoadedMission, folder: Path) -> FlownScenario:
         return fly_scenario(scenario.model_copy(update={"seed": 6}), mission, folder)
 
-    monkeypatch.setattr(lockstep, "fly_scenario", otherwise)
+    monkeypatch.setattr(campaign, "fly_scenario", otherwise)
     assert "truth is another one" in unlike_as_processes(*scenario_of(text))
 
 

@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 from rich.table import Table
 from rich.text import Text
 
+from swarm_ctl.core.model.messages import Payload, Severity
 from swarm_ctl.core.model.text import agents_named, printable
 from swarm_ctl.errors import InputError
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import Summary, read_summary
-from swarm_ctl.report.page.alarm_list import log_entries
 from swarm_ctl.report.page.drawing import DPI, same_scale, save
 from swarm_ctl.report.page.figures import FIGURES, overlay
 from swarm_ctl.report.page.player import player
@@ -33,7 +33,11 @@ from swarm_ctl.report.page.summary_table import (
 )
 from swarm_ctl.rim import Rim
 from swarm_ctl.runfolder.files import write_whole
-from swarm_ctl.station.picture.journal import JournalLine
+from swarm_ctl.runfolder.last_statuses import read_events
+from swarm_ctl.runfolder.manifest import Manifest
+from swarm_ctl.station.picture.alarms import LEVEL_OF, Level
+from swarm_ctl.station.picture.journal import EntryKind, JournalLine
+from swarm_ctl.station.picture.playback import Film
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -287,3 +291,29 @@ def _page(title: str, opening: str, parts: Mapping[str, str]) -> str:
         f"<title>{_text(title)}</title><style>{_STYLE}{style()}</style></head>"
         f"<body>{opening}{body}</body></html>\n"
     )
+
+
+def log_entries(
+    folder: Path, manifest: Manifest, said: Sequence[tuple[float, Payload]]
+) -> list[JournalLine]:
+    """Alarms, warnings, errors and commands, of all that the recording holds; without a recording
+    the agents' warnings alone."""
+    try:
+        by_time = sorted(said, key=lambda message: message[0])
+        film = Film([by_time], manifest.plan, speedup=manifest.speedup)
+        film.seek(film.end_s)
+        entries = film.journal.entries
+    except InputError:  # no recording, or nothing in it: the notes say so
+        entries = tuple(
+            JournalLine(
+                event.time_s, EntryKind.EVENT, LEVEL_OF[event.level], (event.agent,), event.text
+            )
+            for event in read_events(folder, [])
+            if event.level is not Severity.INFO
+        )
+    wanted = (
+        entry
+        for entry in entries
+        if entry.level >= Level.WARNING or entry.kind in (EntryKind.CLEARED, EntryKind.COMMAND)
+    )
+    return sorted(wanted, key=lambda entry: entry.time_s)

@@ -51,8 +51,8 @@ from swarm_ctl.station.dashboard.panes.pane import Pane
 from swarm_ctl.station.dashboard.panes.sigma_pane import SigmaPane
 from swarm_ctl.station.dashboard.panes.swarm_map import SIDES
 from swarm_ctl.station.dashboard.panes.swarm_pane import SwarmPane
-from swarm_ctl.station.dashboard.styles import CSS
 from swarm_ctl.station.dashboard.themes import (
+    CSS,
     DARK,
     DARK_INKS,
     LIGHT,

@@ -12,6 +12,7 @@ import numpy as np
 
 from swarm_ctl.core.control.target import Targets
 from swarm_ctl.core.law.formation import apart_in_height, centred, distances, errors
+from swarm_ctl.core.law.graph import edges
 from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.geometry import centred as centred_slots
 from swarm_ctl.core.model.geometry import turned
@@ -37,7 +38,6 @@ from swarm_ctl.core.model.targets import TargetNow
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
 from swarm_ctl.core.swarm.in_plan import InPlan
 from swarm_ctl.core.swarm.plausibility import SUSPECT_S
-from swarm_ctl.station.picture.graph_in_force import edges_in_force
 from swarm_ctl.station.picture.history import HistoryKeeper
 from swarm_ctl.station.picture.link_stats import Receiver
 from swarm_ctl.station.picture.view import (
@@ -585,3 +585,26 @@ class Model:
             for (a, b), both in sides.items()
         )
         return tuple(sorted(found, key=lambda pair: pair.distance_m))
+
+
+def edges_in_force(
+    group: GroupPlan, step: int, states: Mapping[int, AgentState]
+) -> tuple[tuple[int, int], ...]:
+    """The pairs of neighbours in this step of a group, lower id first: the starts' graph, or the
+    newest that a form step chose. That one is by slot, so it follows exchanged slots."""
+    ids = group.ids
+    forms = [
+        form
+        for s in group.steps[: max(0, step - group.before)]
+        if (form := s.new_shape) is not None
+    ]
+    chosen = [form.neighbours for form in forms if form.neighbours is not None]
+    if not chosen:
+        return edges({agent.id: agent.neighbours for agent in group.agents})
+    holders = {}
+    for index, agent in enumerate(ids):
+        role = states[agent].exchange.role if agent in states else index
+        holders[ids[role if 0 <= role < len(ids) else index]] = agent
+    by_slot = edges(dict(zip(ids, chosen[-1], strict=True)))
+    pairs = ((holders.get(a, a), holders.get(b, b)) for a, b in by_slot)
+    return tuple(sorted({(min(p), max(p)) for p in pairs if p[0] != p[1]}))

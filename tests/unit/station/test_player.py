@@ -9,8 +9,7 @@ import pytest
 from textual.pilot import Pilot
 
 from swarm_ctl.commands.parse import KINDS
-from swarm_ctl.station.dashboard.player import Player
-from swarm_ctl.station.dashboard.timeline import SPEEDS, at_speed, clock, timeline
+from swarm_ctl.station.dashboard.player import SPEEDS, Player, at_speed, clock, timeline
 from tests.on_demand import on_demand
 from tests.unit.station.recorded import SILENT_S, film
 from tests.unit.station.screens import settled, text

@@ -43,7 +43,7 @@ from swarm_ctl.station.dashboard.panes.groups import group_lines
 from swarm_ctl.station.dashboard.panes.link_matrix import METRICS, listener_lines
 from swarm_ctl.station.dashboard.panes.sigma_pane import budget_used
 from swarm_ctl.station.dashboard.panes.swarm_map import SIDES, MapScale, fitted, map_lines, position
-from swarm_ctl.station.dashboard.panes.trends import trend_lines
+from swarm_ctl.station.dashboard.panes.swarm_pane import trend_lines
 from swarm_ctl.station.foxglove.desk import figures
 from swarm_ctl.station.output.json_lines import json_line
 from swarm_ctl.station.picture.alarms import Alarm, Level
