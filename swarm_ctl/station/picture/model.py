@@ -466,7 +466,9 @@ class Model:
         )
 
     def _of(self, agent_id: int, received_s: float) -> _Heard:
-        heard = self._heard.setdefault(agent_id, _Heard())
+        heard = self._heard.get(agent_id)
+        if heard is None:
+            heard = self._heard[agent_id] = _Heard()
         heard.last_s = received_s
         return heard
 
