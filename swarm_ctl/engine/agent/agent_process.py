@@ -271,8 +271,8 @@ def _loop(
         swarm_s = ticker.wait()
         if script.stopped:
             continue
-        now = clock(swarm_s)
         actions = ended(shell.turn(swarm_s, lifeline.cut(), ticker.report, refused))
+        now = shell.clock(swarm_s)
         if actions.status is not None:
             lifeline.tell(ALIVE)
             for trouble in (

@@ -6,6 +6,7 @@ It decides nothing. If it stalls, nothing is sent: the vehicle's own failsafe st
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Generator, Iterable
 from typing import Any, Final, TypeVar
 
@@ -35,6 +36,30 @@ P = TypeVar("P")
 _SHOWN: Final = frozenset({keys.EVENT.name, keys.SIGMA.name, keys.STATUS.name})
 
 
+class OwnTime:
+    """An agent's clock, from the swarm's time to its own [s]. One that is set back goes on from where
+    it was: else each wait would last until the clock is there again, and nobody be silent until
+    then."""
+
+    def __init__(self, clock: Callable[[float], float]) -> None:
+        self._clock = clock
+        self._back_s = 0.0
+        self._swarm_s = self._last_s = -math.inf
+
+    def __call__(self, swarm_s: float) -> float:
+        return self._clock(swarm_s) + self._back_s
+
+    def tick(self, swarm_s: float) -> float:
+        """The time of a tick, later than that of the one before."""
+        now = self(swarm_s)
+        if now < self._last_s:
+            goes_on_s = self._last_s + swarm_s - self._swarm_s
+            self._back_s += goes_on_s - now
+            now = goes_on_s
+        self._swarm_s, self._last_s = swarm_s, now
+        return now
+
+
 class AgentShell:
     """One agent with its links."""
 
@@ -55,8 +80,7 @@ class AgentShell:
     ) -> None:
         self.agent, self.link, self.node = agent, link, node
         self._remembering = remembering
-        self.clock = clock
-        """From the swarm's time to the agent's own."""
+        self.clock = OwnTime(clock)
         self.status: AgentStatus | None = None
         self.ended: Ended | None = None
 
@@ -68,7 +92,7 @@ class AgentShell:
         refused: Callable[[float], tuple[Refusal, ...]] | None = None,
     ) -> Generator[None, None, Actions]:
         """The tick at this mission time [s], with a halt after each part (`Agent.stages`)."""
-        now, node = self.clock(swarm_s), self.node
+        now, node = self.clock.tick(swarm_s), self.node
         self.link.receive(now)
         yield
         view = self.link.view()

@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from swarm_ctl.core.agent.agent import Actions
 from swarm_ctl.core.model.messages import Ack, Event, Payload, Severity
 from swarm_ctl.core.model.vehicle import StandbyGoal
-from swarm_ctl.engine.agent.shell import publish
+from swarm_ctl.engine.agent.shell import OwnTime, publish
 from swarm_ctl.mesh import keys
 from swarm_ctl.rim import Rim
 from tests.unit.station.swarm import hexagon_plan, state_of, status_of
@@ -57,3 +59,22 @@ def test_a_state_that_cannot_be_sent_is_no_trouble_of_what_shows() -> None:
     """It ends the agent, and its vehicle's own failsafe acts."""
     with pytest.raises(ValueError, match="packed"):
         publish(Mesh(keys.STATE), ACTIONS, Rim("it"))  # type: ignore[arg-type]
+
+
+@given(
+    st.lists(st.tuples(st.floats(0.01, 2.0), st.just(0.0) | st.floats(-4000.0, 4000.0)), min_size=1)
+)
+def test_an_agents_time_never_goes_back(ticks: list[tuple[float, float]]) -> None:
+    """However its clock is set, each tick is later than the one before, and goes on by the swarm's
+    pace where the clock was set back; what came before the tick was heard before it."""
+    swarm_s = ahead_s = 0.0
+    own = OwnTime(lambda at_s: at_s + ahead_s)
+    last_s = own.tick(swarm_s)
+    for pace_s, jump_s in ticks:
+        swarm_s, ahead_s = swarm_s + pace_s, ahead_s + jump_s
+        now = own.tick(swarm_s)
+        assert now > last_s
+        if pace_s + jump_s < 0.0:
+            assert now - last_s == pytest.approx(pace_s)
+        assert own(swarm_s - 0.01) <= own(swarm_s) == pytest.approx(now)
+        last_s = now
