@@ -41,6 +41,7 @@ class Interruption:
         self._vehicle, self._progress, self._log = vehicle, progress, log
         self.trigger: FailsafeTrigger | None = None
         self.since_s = math.inf
+        self._failed = False
 
     @property
     def reason(self) -> str:
@@ -54,10 +55,12 @@ class Interruption:
 
     @property
     def outcome(self) -> Outcome:
-        """How the flight ended."""
+        """How the flight ended: one that a failure broke off has failed, whatever was ordered then."""
         if self._vehicle.ended_s is None:
             return Outcome.RUNNING
-        return self.trigger.outcome if self.trigger else Outcome.COMPLETED
+        if self.trigger is None:
+            return Outcome.COMPLETED
+        return Outcome.FAILED if self._failed else self.trigger.outcome
 
     def heed(self, tick: Tick, trigger: FailsafeTrigger | None) -> None:
         """A failsafe fires, or (None) its cause is gone and the mission goes on. A hold that goes
@@ -73,6 +76,7 @@ class Interruption:
             self._log.say(tick.now, severity, f"{trigger.action}: {trigger.reason}")
             holds = trigger.action is FailsafeAction.HOLD
             if not holds:
+                self._failed |= trigger.outcome is Outcome.FAILED
                 self._progress.break_off(trigger.step_outcome, tick.now)
             self._vehicle.stop_climbing(tick.newest_fix, HOLDS_M if holds else 0.0)
         self.trigger, self.since_s = trigger, tick.now
@@ -85,4 +89,4 @@ class Interruption:
 
     def lift(self) -> None:
         """By the operator's word the mission goes on."""
-        self.trigger = None
+        self.trigger, self._failed = None, False
