@@ -29,6 +29,7 @@ from swarm_ctl.core.agent.tick import Attention, HeardStation, Tick
 from swarm_ctl.core.control.controller import NO_WAY, Controller
 from swarm_ctl.core.control.navigation import Navigator, OwnFix
 from swarm_ctl.core.law.formation_law import FormationLaw
+from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.messages import (
     Ack,
     AgentState,
@@ -336,6 +337,7 @@ class Agent:
         frame, before = group.reference.frame, handler.override
         joins, step = False, group.progress.step
         flown = before.step if before else group.progress.current
+        trigger = self._interruption.trigger
         situation = AgentSituation(
             plan=self._plan,
             group=group.name,
@@ -348,7 +350,8 @@ class Agent:
             override=before,
             peers=tick.peers,
             not_given_back=self._takeover.not_given_back(tick.view),
-            held=group.held(self._interruption.trigger),
+            held=group.held(trigger),
+            lands=trigger is not None and trigger.action is FailsafeAction.LAND,
         )
         ack, new = handler.answer(command, situation, frame.leg if frame else 0)
         if not new:

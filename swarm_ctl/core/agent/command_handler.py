@@ -84,6 +84,8 @@ class AgentSituation:
     """Why an agent that yielded cannot take its vehicle again, or ''."""
     held: bool = False
     """It is held until `resume`, because other agents have left the formation."""
+    lands: bool = False
+    """What stops its mission lands it; it may brake first."""
 
     @property
     def phase_name(self) -> str:
@@ -272,7 +274,7 @@ def _check_land(_: Command, __: AgentSituation) -> str:
 
 
 def _check_return(_: Command, situation: AgentSituation) -> str:
-    if situation.phase is Phase.LAND:
+    if situation.phase is Phase.LAND or situation.lands:
         return f"agent {situation.agent} is landing already"
     return "" if situation.airborne else f"agent {situation.agent} is not in the air"
 

@@ -204,6 +204,7 @@ def move(to: Point, speed_mps: float = 2.0) -> Command:
 
 
 NAN = float("nan")
+BRAKES = replace(situation(Phase.HOLD), lands=True)
 REFUSALS: list[tuple[str, Command, AgentSituation, str]] = [
     ("another agent's", command("hold", agents=(2, 3)), situation(), "not meant for agent 1"),
     ("unknown", command("loop"), situation(), "unknown command 'loop'; allowed: hold"),
@@ -216,6 +217,7 @@ REFUSALS: list[tuple[str, Command, AgentSituation, str]] = [
     ("return step", command("hold"), situation(of=RETURNING, step=LAST), "on its way down"),
     ("held by a policy", command("form"), situation(Phase.HOLD), "held by a policy"),
     ("return while landing", command("return"), situation(Phase.LAND), "is landing already"),
+    ("return, braking to land", command("return"), BRAKES, "is landing already"),
     ("return on the ground", command("return"), situation(Phase.PREPARE), "is not in the air"),
     ("kill after the end", command("kill"), situation(Phase.ENDED), "agent 1 has ended"),
     ("no shape", command("form", step=None), situation(), "the command has no shape"),
