@@ -55,7 +55,7 @@ class Interruption:
 
     @property
     def outcome(self) -> Outcome:
-        """How the flight ended: one that a failure broke off has failed, whatever was ordered then."""
+        """How the flight ended: one that a failure broke off has failed, whatever was ordered."""
         if self._vehicle.ended_s is None:
             return Outcome.RUNNING
         if self.trigger is None:

@@ -37,9 +37,9 @@ _SHOWN: Final = frozenset({keys.EVENT.name, keys.SIGMA.name, keys.STATUS.name})
 
 
 class OwnTime:
-    """An agent's clock, from the swarm's time to its own [s]. One that is set back goes on from where
-    it was: else each wait would last until the clock is there again, and nobody be silent until
-    then."""
+    """An agent's clock, from the swarm's time to its own [s]. One that is set back goes on from
+    where it was: else each wait would last, and each silence count for nothing, until the clock is
+    there again."""
 
     def __init__(self, clock: Callable[[float], float]) -> None:
         self._clock = clock
