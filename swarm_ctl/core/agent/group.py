@@ -236,7 +236,7 @@ class Group:
         awaited = self.awaited(tick).peers
         self._watch_held(tick, () if own_override else awaited)
         self._watch_alone(tick, own_override)
-        before, self.departed = self.departed, dict[int, str]()
+        before, self.departed = self.departed, {}
         if self._held_since:
             pause_s = self._policies.override_pause_s
             held = self._held_since.keys() - self.waits_for(tick.now).keys()

@@ -207,7 +207,8 @@ class SafetyFilter:
 
     def _others(self, snapshot: PeerSnapshot, own: complex, formation: Formation) -> list[Other]:
         """All aircraft that may constrain this tick."""
-        near, margins, key = list[Other](), self.margins, formation.key
+        near: list[Other] = []
+        margins, key = self.margins, formation.key
         reach, own_id, constrains = margins.reach, self._own, constraints.constrains
         for other in self.near(snapshot, own):
             apart, setpoint, age_s = own - other.stop_point, other.setpoint, other.age_at_most_s
@@ -224,7 +225,7 @@ class SafetyFilter:
     def _guarded(self, snapshot: PeerSnapshot, own: complex, formation: Formation) -> list[Link]:
         """The links that the shape keeps and that are long; those to peers that fly another
         formation are left out."""
-        links = list[Link]()
+        links: list[Link] = []
         if not self._plan.safety.guard or self.loose:
             return links
         guarded = self._links.guarded(

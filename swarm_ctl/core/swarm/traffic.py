@@ -73,7 +73,9 @@ class Traffic:
     ) -> tuple[OtherAircraft, ...]:
         """The contacts that are no followed peer, the `MAX_CONTACTS` nearest to `own_m` first."""
         stand = [p.state.position_ned_m for p in peers if p.down and p.state is not None]
-        known, recent, at = self._reports, list[_Report](), list[complex]()
+        recent: list[_Report] = []
+        at: list[complex] = []
+        known = self._reports
         for contact in contacts:
             age_s = now - contact.time_s
             if not 0.0 <= age_s <= _CONTACT_S or (stand and self._stands(contact, stand)):
@@ -107,7 +109,8 @@ class Traffic:
             return [*range(len(at))]
         ages = [peer.age(now) if peer.far else peer.age_s for peer in followed]
         told = list(map(_carried_on, followed, ages))
-        explained, seen = set[int](), []
+        explained: set[int] = set()
+        seen = []
         for k, j in _near(at, told):
             peer, report, age_s = followed[j], reports[k], ages[j]
             # a state from before the own clock was set back has an age less than 0, and explains
