@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from swarm_ctl.core.agent.failsafes import FailsafeTrigger
 from swarm_ctl.core.agent.own_vehicle import HOLDS_M, OwnVehicle
@@ -64,7 +64,7 @@ class Interruption:
 
     def heed(self, tick: Tick, trigger: FailsafeTrigger | None) -> None:
         """A failsafe fires, or (None) its cause is gone and the mission goes on. A hold that goes
-        on does not begin again: its sentence has new figures."""
+        on does not begin again: its sentence has new figures. What had failed says so on."""
         if self.holds and trigger == self.trigger:
             self.trigger = trigger
             return
@@ -76,7 +76,10 @@ class Interruption:
             self._log.say(tick.now, severity, f"{trigger.action}: {trigger.reason}")
             holds = trigger.action is FailsafeAction.HOLD
             if not holds:
-                self._failed |= trigger.outcome is Outcome.FAILED
+                failed = trigger.outcome is Outcome.FAILED
+                if self._failed and not failed:
+                    trigger = replace(trigger, reason=f"{self.reason}; then {trigger.reason}")
+                self._failed |= failed
                 self._progress.break_off(trigger.step_outcome, tick.now)
             self._vehicle.stop_climbing(tick.newest_fix, HOLDS_M if holds else 0.0)
         self.trigger, self.since_s = trigger, tick.now
