@@ -190,6 +190,20 @@ def test_no_other_agent_flies() -> None:
     swarm.wait(lambda s: s.all_down, swarm.now + 60)
 
 
+def test_an_operators_land_is_proof_enough() -> None:
+    """Nobody else is heard; the operator has said whose this vehicle is, and it is landed."""
+    swarm = killed(*_row("hold"), 3)
+    for agent in (1, 2, 4):
+        swarm.kill(agent)
+    swarm.run(GONE_S)
+    swarm.restart(3)
+    swarm.command("land", (3,))
+    swarm.wait(lambda s: 3 in s.outcomes(), swarm.now + 60)
+    assert "took over its vehicle in the air, to land it" in texts(swarm)
+    assert set(swarm.members[3].goals) == {"StandbyGoal", "LandGoal", "ReleaseGoal"}
+    assert not swarm.hub.world.airborne()[2]
+
+
 def test_two_with_one_id() -> None:
     """An agent that is started while its like still flies does not touch the vehicle."""
     swarm = at_step(MISSIONS["hold"][2], THIRD)

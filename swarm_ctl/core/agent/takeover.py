@@ -10,8 +10,9 @@ What it demands before it sends a single setpoint (all of it at once, within `EV
 3. the vehicle has our failsafe parameters, so an agent of ours has armed it. They are read, never
    set, on an armed vehicle;
 4. the vehicle stands still over the ground, so no other process sends it setpoints;
-5. an agent of the same plan is heard and flies this mission, no agent with another plan is heard,
-   and for a second no other process speaks with this agent's id.
+5. an agent of the same plan is heard and flies this mission, or the operator has told this one to
+   land; no agent with another plan is heard, and for a second no other process speaks with this
+   agent's id.
 
 Meanwhile the agent sends nothing but heartbeats and requests. Without the evidence it ends, and its
 heartbeats with it: the vehicle is left to its own failsafe, or to the pilot who flies it. A vehicle
@@ -40,7 +41,7 @@ from swarm_ctl.core.agent.steering import Intent, KeepClear
 from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.control.navigation import OwnFix
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
-from swarm_ctl.core.model.messages import AgentState, Phase, Severity
+from swarm_ctl.core.model.messages import AgentState, Outcome, Phase, Severity
 from swarm_ctl.core.model.timeouts import FRESH_S, NEIGHBOUR_S
 from swarm_ctl.core.model.vehicle import VehicleView
 
@@ -105,7 +106,7 @@ class Takeover:
         if flying and not self._may_follow(tick.view, flying):
             self._vehicle.leave(now)
             return self._decide(tick, _not_followed(tick.view))
-        missing = self._missing(tick, flying)
+        missing = self._missing(tick, proven=bool(flying) or self._told_to_land(tick.view))
         if not missing and fix is not None and now - self._since >= NEIGHBOUR_S:
             self._take(tick, fix, flying)
             return ""
@@ -136,7 +137,14 @@ class Takeover:
 
     # --- the evidence ---
 
-    def _missing(self, tick: Tick, flying: list[AgentState]) -> str:
+    def _told_to_land(self, view: VehicleView) -> bool:
+        """By the operator, before it was known whose this vehicle is; and no pilot flies it."""
+        trigger = self._interruption.trigger
+        if trigger is None or trigger.action is not FailsafeAction.LAND:
+            return False
+        return trigger.outcome is Outcome.ABORTED and view.controlled
+
+    def _missing(self, tick: Tick, *, proven: bool) -> str:
         view, fix = tick.view, tick.fix
         if tick.now - self._double_s <= NEIGHBOUR_S:
             return f"another process speaks as agent {self._agent}"
@@ -148,7 +156,7 @@ class Takeover:
         apart = self._preflight.disagreement(tick)
         if apart:
             return apart
-        if not flying:
+        if not proven:
             return "no agent that flies this mission is heard"
         speed = math.hypot(*fix.velocity_ned_mps[:2])
         if speed > _STANDS_MPS:
@@ -187,9 +195,12 @@ class Takeover:
         vehicle.take_over(now, fix.height_m - _height_above_home(tick.view, fix))
         heights = [up_m for each in progress.steps[:step] if (up_m := each.climbs_to_m) is not None]
         vehicle.climb_to(heights[-1] if heights else vehicle.height(fix))
-        self._group.slot_exchange.rejoin(now)
-        self._rejoin(now, step, flying)
-        text = f"took over its vehicle in the air; rejoins at step {step}: {progress.name}"
+        if flying:
+            self._group.slot_exchange.rejoin(now)
+            self._rejoin(now, step, flying)
+            text = f"took over its vehicle in the air; rejoins at step {step}: {progress.name}"
+        else:
+            text = "took over its vehicle in the air, to land it"
         self._log.say(now, Severity.WARNING, text)
         own = tick.view.own
         if own is None or all(value.own in value.ours for value in own.values.values()):

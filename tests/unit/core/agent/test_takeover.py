@@ -10,11 +10,12 @@ from typing import Any
 
 import pytest
 
+from swarm_ctl.core.agent.failsafes import FailsafeTrigger
 from swarm_ctl.core.agent.steering import KeepClear
 from swarm_ctl.core.agent.takeover import EVIDENCE_S, LEARN_S, Takeover
 from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.frames import geodetic_from_ned
-from swarm_ctl.core.model.messages import Phase
+from swarm_ctl.core.model.messages import Outcome, Phase
 from swarm_ctl.core.model.planned_formation import Frame
 from swarm_ctl.core.model.vehicle import GlobalFix
 from tests.unit.core.builders import (
@@ -112,6 +113,30 @@ def test_without_a_piece_of_the_evidence_it_waits_and_then_leaves(
     assert own.interruption.trigger.action is LEAVES
     assert why in own.interruption.trigger.reason
     assert not own.vehicle.ours
+
+
+@pytest.mark.parametrize(
+    ("what", "outcome", "seen", "lands"),
+    [
+        ("the operator's order", Outcome.ABORTED, {}, True),
+        ("a policy", Outcome.FAILED, {}, False),
+        ("in a pilot's mode", Outcome.ABORTED, {"controlled": False}, False),
+        ("it moves", Outcome.ABORTED, {"fix": fix(velocity=(0.4, 0.4, 0.0))}, False),
+    ],
+)
+def test_an_order_to_land_is_as_good_as_a_peer(
+    what: str, outcome: Outcome, seen: dict[str, Any], lands: bool
+) -> None:
+    """Of all the evidence, it stands for the peer alone."""
+    own, takeover = started()
+    own.interruption.heed(tick(), FailsafeTrigger(LANDS, outcome, "landed by the operator"))
+    for seconds in (0.0, 1.0, EVIDENCE_S + 0.1):
+        if takeover.pending(view()):
+            takeover.look(tick(peer(2, math.inf), peer(3, math.inf), now=NOW + seconds, **seen))
+    trigger = own.interruption.trigger
+    assert trigger is not None
+    assert (own.vehicle.ours, trigger.action) == ((True, LANDS) if lands else (False, LEAVES))
+    assert not takeover.took
 
 
 def test_just_standing_still_is_enough() -> None:
