@@ -17,7 +17,7 @@ import numpy as np
 from swarm_ctl.core.model.plan import Plan, Policy
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.fuzz.coverage import NOTHING, WHATS, Coverage, CoverageCell
-from swarm_ctl.mission.checks.envelope import most_gusts_mps
+from swarm_ctl.mission.checks.envelope import PX4_ROOM_M, most_gusts_mps
 from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from swarm_ctl.mission.input import yaml_file
@@ -512,7 +512,7 @@ def _mission(dice: Dice, wanted: Coverage, *, fair: bool) -> tuple[Data, list[Da
     follows = any(kind == "follow" for kind, _ in _flat(mission["steps"]))
     if follows and "targets" not in mission:
         mission["targets"] = {"boat": _target(dice, speed_mps, unit_m)}
-    mission["fleet"] = _fleet(dice, ids, fair=fair)
+    mission["fleet"] = _fleet(dice, ids, (1.5 - r_in) * unit_m, fair=fair)
     return (_in_metres(mission) if dice.chance(0.1) else mission), happens
 
 
@@ -837,9 +837,11 @@ def _target(dice: Dice, speed_mps: float, unit_m: float) -> Data:
     return {"along": way, "speed_mps": dice.number(0.3, 1.2 * speed_mps, 1), "height_m": 0.0}
 
 
-def _fleet(dice: Dice, ids: list[int], *, fair: bool) -> Data:
-    """ArduCopters, PX4s or both, most with their own response."""
+def _fleet(dice: Dice, ids: list[int], room_m: float, *, fair: bool) -> Data:
+    """ArduCopters, PX4s or both, most with their own response; no PX4 in units that are too small
+    for it."""
     kinds = dice.pick((("ardupilot",), ("px4",), ("ardupilot", "px4")))
+    kinds = kinds if room_m >= PX4_ROOM_M else ("ardupilot",)
     entries: list[Data] = []
     answers = not fair and dice.chance(0.3)
     for agent in ids:

@@ -362,6 +362,18 @@ def _gusts(mission: MissionFile, plan: Plan) -> Findings:
             yield Mistake(("simulation", *place, "SIM_WIND_GUST"), what, "")
 
 
+def _px4s_in_small_units(mission: MissionFile, plan: Plan) -> Findings:
+    """They gather speed late."""
+    room_m, least_m = envelope.room_m(plan), envelope.PX4_ROOM_M
+    px4s = any(agent.autopilot == "px4" for agent in fleet_of(mission).agents)
+    if px4s and plan.safety.filter and room_m < least_m - ROUNDING:
+        what = (
+            "PX4s that pass each other may come under r_in, which leaves them"
+            f" {room_m:.3g} m to r_out; {least_m:g} m are enough"
+        )
+        yield Mistake(("law", "r_in"), what, "")
+
+
 def _open_to_others(mission: MissionFile, _plan: Plan) -> Findings:
     fleet = fleet_of(mission)
     exposed = exposures(fleet)
@@ -440,6 +452,7 @@ _WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (
     _spare_fleet,
     _real_vehicles,
     _gusts,
+    _px4s_in_small_units,
     _shared_ids,
     _narrow_radios,
     _open_to_others,

@@ -124,3 +124,13 @@ def test_the_default_speed_follows_the_radii_and_raises_no_warning() -> None:
     assert [told for told in set_.warnings if "a speed_mps of 4.76 is enough" in told]
     fast = loads(SMALL.replace("to: [5, 5]", "to: [5, 5], speed_mps: 4.9"))
     assert fast.plan.limits.speed_mps == 5.0
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "r_in", "warned"), [("px4", 2.1, 1), ("px4", 2.0, 0), ("ardupilot", 2.1, 0)]
+)
+def test_px4s_have_room_to_pass_each_other(autopilot: str, r_in: float, warned: int) -> None:
+    """Two metres from r_in to r_out."""
+    fleet = f"fleet: {{agents: [{{id: 1}}, {{id: 2, autopilot: {autopilot}}}]}}\n"
+    told = loads(SMALL.replace("r_out: 7, r_in: 2.5", f"r_out: 4, r_in: {r_in}") + fleet).warnings
+    assert sum("PX4s that pass each other" in each for each in told) == warned
