@@ -363,7 +363,7 @@ def _gusts(mission: MissionFile, plan: Plan) -> Findings:
 
 
 def _px4s_in_small_units(mission: MissionFile, plan: Plan) -> Findings:
-    """They gather speed late."""
+    """Drawn and real ones came under r_in there (`PX4_ROOM_M`); why is not known for sure."""
     room_m, least_m = envelope.room_m(plan), envelope.PX4_ROOM_M
     px4s = any(agent.autopilot == "px4" for agent in fleet_of(mission).agents)
     if px4s and plan.safety.filter and room_m < least_m - ROUNDING:
