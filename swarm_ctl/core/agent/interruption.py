@@ -42,6 +42,7 @@ class Interruption:
         self.trigger: FailsafeTrigger | None = None
         self.since_s = math.inf
         self._failed = False
+        """What was carried out before this trigger had failed."""
 
     @property
     def reason(self) -> str:
@@ -76,10 +77,10 @@ class Interruption:
             self._log.say(tick.now, severity, f"{trigger.action}: {trigger.reason}")
             holds = trigger.action is FailsafeAction.HOLD
             if not holds:
-                failed = trigger.outcome is Outcome.FAILED
-                if self._failed and not failed:
+                before = None if self.holds else self.trigger
+                self._failed |= before is not None and before.outcome is Outcome.FAILED
+                if self._failed and trigger.outcome is not Outcome.FAILED:
                     trigger = replace(trigger, reason=f"{self.reason}; then {trigger.reason}")
-                self._failed |= failed
                 self._progress.break_off(trigger.step_outcome, tick.now)
             self._vehicle.stop_climbing(tick.newest_fix, HOLDS_M if holds else 0.0)
         self.trigger, self.since_s = trigger, tick.now

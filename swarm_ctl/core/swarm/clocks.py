@@ -232,8 +232,8 @@ class Clocks:
         clock that seems to be another one is asked for where its states come from the future, or
         its agent says words itself: states are late where a machine can't keep up, and words would
         add to that."""
-        nobody = not (self._others or self._apart or self._words)
-        if nobody or now - self._said_s < ASK_EVERY_S - _ROUNDING_S:
+        one_clock = not (self._others or self._apart or self._words)
+        if one_clock or now - self._said_s < ASK_EVERY_S - _ROUNDING_S:
             return None
         words = [self.of[i] for i in self._words]
         others = [*self._others, *(c for c in self._apart if c.early or c in words)]

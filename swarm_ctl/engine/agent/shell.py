@@ -52,7 +52,7 @@ class OwnTime:
     def tick(self, swarm_s: float) -> float:
         """The time of a tick, later than that of the one before."""
         now = self(swarm_s)
-        if now < self._last_s:
+        if now <= self._last_s:
             goes_on_s = self._last_s + swarm_s - self._swarm_s
             self._back_s += goes_on_s - now
             now = goes_on_s

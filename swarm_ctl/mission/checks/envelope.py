@@ -96,7 +96,7 @@ _STUDIED: Final = 1.8
 _GUSTS: Final = 0.75
 """[1/s] Of what the keep-out spares (`tests/scenarios/test_gusts.py`)."""
 PX4_ROOM_M: Final = 2.0
-"""From r_in to r_out, where a PX4 flies: in up to 1.7 m drawn PX4s that change sides came under
+"""[m] From r_in to r_out, where a PX4 flies: in up to 1.7 m drawn PX4s that change sides came under
 r_in; in 1.2 m so did real ones, in 3 of 6 flights with 2 m/s of wind, put in by hand."""
 _RESPONSE: Final = ("vehicle", "response")
 ENVELOPE: Final = (
