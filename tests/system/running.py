@@ -21,6 +21,8 @@ from swarm_ctl.station.picture.playback import Film
 ROOT = Path(__file__).parents[2]
 HEXAGON = ROOT / "missions" / "hexagon.yaml"
 LOW = Path(__file__).with_name("low.yaml")
+HELD = Path(__file__).with_name("held.yaml")
+"""LOW, for flights that are broken off: it holds until then."""
 SWARM_CTL = Path(sys.executable).parent / "swarm-ctl"
 
 

@@ -133,7 +133,7 @@ def test_a_gcs_that_floods_hangs_or_dies_takes_nothing_from_an_agent(
 
 @pytest.mark.lockstep
 def test_the_end_of_the_relay_ends_nothing_else(tmp_path: Path) -> None:
-    run = ("run", LOW, "--speedup", "max", "--headless", "--no-report")
+    run = ("run", LOW, "--lockstep", "--speedup", "5", "--headless", "--no-report")
     with qgroundcontrol() as qgc, Running(*run, "--gcs", str(qgc.port), cwd=tmp_path) as running:
         running.wait_for_event("step 2:", 3)
         running.kill("gcs")

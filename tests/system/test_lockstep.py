@@ -22,7 +22,7 @@ from swarm_sim.network.server import DRAIN_S
 from swarm_sim.world.truth_recorder import TruthFile, TruthRecorder
 from tests.on_demand import on_demand
 from tests.system.conftest import Typed
-from tests.system.running import HEXAGON, LOW, ROOT, Running
+from tests.system.running import HELD, HEXAGON, LOW, ROOT, Running
 from tests.system.test_run import assert_apart, assert_truth_ends_on_the_ground
 
 WOOD = ROOT / "missions" / "wood.yaml"
@@ -127,7 +127,7 @@ def test_the_wood(tmp_path: Path, seed: int) -> None:
 def test_an_agent_is_stopped(tmp_path: Path) -> None:
     """After the bound it is noted, and mission time goes on without it: its vehicle's failsafe
     acts, the others land, `run` ends it 5 s later and reports."""
-    run = ("run", LOW, *MAX)
+    run = ("run", HELD, *MAX)
     with Running(*run, "--lockstep-patience", "3", cwd=tmp_path) as running:
         running.wait_for_event("step 2:", 3)
         running.kill("agent-2", signal.SIGSTOP)

@@ -11,11 +11,11 @@ import pytest
 from swarm_ctl import recording
 from swarm_ctl.core.model.messages import AgentState
 from swarm_ctl.recording.mcap_reader import is_whole
-from tests.system.running import LOW, Running
+from tests.system.running import HELD, Running
 
 pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(300)]
 
-RUN = ("run", LOW, "--speedup", "max", "--headless")
+RUN = ("run", HELD, "--speedup", "max", "--headless")
 
 
 def times_s(folder: Path) -> list[float]:

@@ -12,18 +12,20 @@ from pathlib import Path
 import pytest
 
 from tests.on_demand import on_demand
-from tests.system.running import HEXAGON, LOW, Running
+from tests.system.running import HELD, HEXAGON, LOW, Running
 
 pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(300)]
 
 Command = tuple[str | Path, ...]
-LOCKSTEP = ("run", LOW, "--speedup", "max", "--headless", "--no-report")
+LOCKSTEP = ("run", HELD, "--speedup", "max", "--headless", "--no-report")
+PACED = ("run", HELD, "--lockstep", "--speedup", "5", "--headless", "--no-report")
+"""Slow enough for two deeds in one landing."""
 RUN = ("run", LOW, "--speedup", "3", "--headless", "--no-report")
 """In real time."""
 BOTH = pytest.mark.parametrize(
     "run",
     [
-        pytest.param(LOCKSTEP, id="lockstep"),
+        pytest.param(PACED, id="lockstep"),
         pytest.param(RUN, id="3", marks=(pytest.mark.long, pytest.mark.realtime)),
     ],
 )

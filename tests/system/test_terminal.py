@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.running import LOW, SWARM_CTL
+from tests.system.running import HELD, LOW, SWARM_CTL
 from tests.system.test_run import assert_truth_ends_on_the_ground
 
 pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(300)]
@@ -95,7 +95,7 @@ class Terminal:
 def test_log_lines_and_ctrl_c(tmp_path: Path) -> None:
     """The lines tell the flight; Ctrl-C as a key lands the swarm, and a line tells who
     acknowledged."""
-    terminal = Terminal("run", LOW, *QUICK, cwd=tmp_path)
+    terminal = Terminal("run", HELD, *QUICK, cwd=tmp_path)
     try:
         terminal.wait_for("step 2/4: form hexagon")
         terminal.press(b"\x03")
