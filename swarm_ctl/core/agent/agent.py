@@ -474,6 +474,7 @@ class Agent:
             waits_until=group.routes.awaited(self._id, group.progress.step),
             fell=own.fell(tick.now),
             sunk_s=own.sunk_s(tick.now),
+            found=own.strange(tick.now) or self._takeover.pending(tick.view),
             waits=self._waits_for(tick.now),
             target_lost=lambda: group.target_lost(tick.now),
             leads=lambda: group.leads(tick, stop_point_m),

@@ -86,6 +86,9 @@ class Situation:
     """It has just gone down as fast as only a fall does."""
     sunk_s: float
     """For how long it has been far below the height that it is to keep (`OwnVehicle`)."""
+    found: bool = False
+    """The agent has just started, and its vehicle is in the air, or may be: what the mission's
+    policies say counts once it is taken over."""
     waits: str = ""
     """Why this agent waits, in its own words, or ''."""
     leads: Callable[[], int | None] = lambda: None
@@ -249,7 +252,7 @@ def _peers_gone(s: Situation) -> FailsafeTrigger | None:
     """Lost peers, and peers that gave up: the mission cannot be completed without them."""
     policy, after = s.plan.policies.agent_lost, s.plan.policies.agent_lost_after_s
     on_its_own = s.returning or s.ordered is CommandKind.RETURN
-    if on_its_own or s.progress.goes_home or s.grounded:
+    if on_its_own or s.progress.goes_home or s.grounded or s.found:
         return None
     if s.progress.step == 0:
         after = max(after, _PATIENCE_S)

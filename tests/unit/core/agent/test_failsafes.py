@@ -359,6 +359,10 @@ ROWS = [
         LANDS,
         "agent 2 has not been heard for 30 s",
     ),
+    Row(
+        "gave up, and the own vehicle was found in the air",
+        lambda: on_the_ground(peer(2, phase=Phase.ENDED, step=0), found=True),
+    ),
     # the ground station
     Row("no station", seen(station_age_s=5.01), LANDS, "no ground station has been heard for 5 s"),
     Row("a station just heard", seen(station_age_s=5.0)),
