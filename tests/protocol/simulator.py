@@ -131,7 +131,6 @@ class Pilot:
         )
         self.mav = self._link.mav
         self._heartbeat_s = -1.0
-        self.silent = False
         self.texts: list[str] = []
         self.latest: dict[str, Any] = {}
 
@@ -139,54 +138,22 @@ class Pilot:
         """Frees the socket."""
         self._link.close()
 
-    def wait(
-        self,
-        what: str,
-        until: Callable[[Any], bool] = lambda _: True,
-        each: Callable[[], None] | None = None,
-    ) -> Any:
-        """The next message named `what` for which `until` holds; `each` is called every 50 ms of
-        mission time."""
-        return self._listen(PATIENCE_S, lambda m: m.get_type() == what and until(m), each, what)
-
-    def listen(self, seconds: float, each: Callable[[], None] | None = None) -> list[Any]:
-        """Everything heard in that time."""
-        heard: list[Any] = []
-
-        def keep(message: Any) -> bool:
-            heard.append(message)
-            return False
-
-        self._listen(seconds, keep, each, None)
-        return heard
-
-    def _listen(
-        self,
-        seconds: float,
-        until: Callable[[Any], bool],
-        each: Callable[[], None] | None,
-        what: str | None,
-    ) -> Any:
-        end = self.sim.now() + seconds
-        due = self.sim.now()
+    def wait(self, what: str, until: Callable[[Any], bool] = lambda _: True) -> Any:
+        """The next message named `what` for which `until` holds."""
+        end = self.sim.now() + PATIENCE_S
         while (now := self.sim.now()) < end:
-            if not self.silent and now - self._heartbeat_s >= 1.0:
+            if now - self._heartbeat_s >= 1.0:
                 self._heartbeat_s = now
                 self.mav.heartbeat_send(
                     mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0
                 )
-            if each is not None and now >= due:
-                due += 0.05
-                each()
             message = self._link.recv_match(blocking=True, timeout=0.002)
             if message is None:
                 continue
             self._note(message)
-            if until(message):
+            if message.get_type() == what and until(message):
                 return message
-        if what is not None:
-            raise TimeoutError(f"no {what} within {seconds} s; texts: {self.texts}")
-        return None
+        raise TimeoutError(f"no {what} within {PATIENCE_S} s; texts: {self.texts}")
 
     def _note(self, message: Any) -> None:
         self.latest[message.get_type()] = message
@@ -202,17 +169,6 @@ class Pilot:
     def stream(self, message_id: int, rate_hz: float) -> None:
         """SET_MESSAGE_INTERVAL."""
         assert self.command(511, message_id, 1e6 / rate_hz) == 0
-
-    def velocity(self, north: float, east: float, down: float) -> Callable[[], None]:
-        """Sends this setpoint when called."""
-
-        def send() -> None:
-            zeros = (0.0,) * 5
-            self.mav.set_position_target_local_ned_send(
-                0, self.sysid, 1, 1, 3527, 0.0, 0.0, 0.0, north, east, down, *zeros
-            )
-
-        return send
 
 
 @contextlib.contextmanager
