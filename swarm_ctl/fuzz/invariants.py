@@ -388,8 +388,10 @@ def _ordered(seen: Seen) -> Iterator[str]:
         track, taken_s = seen.track(agent), seen.taken[agent]
         lifts = [at for at in seen.events(agent, EventKind.LIFTOFF) if at < taken_s]
         stops = [order.at_s for order in seen.orders(agent, *_STOPS)]
+        starts = [each.at_s for each in seen.of("restart") if agent in (each.restart or ())]
         for at in lifts:
-            if at > lifts[0] + _BOUNCES_S:
+            began_s = max((start_s for start_s in starts if start_s < at), default=0.0)
+            if at > min(lift for lift in lifts if lift > began_s) + _BOUNCES_S:
                 yield f"agent {agent} took off again at {at:.1f} s"
             if at > flies_s + 1.0:
                 yield f"agent {agent} took off at {at:.1f} s, the others fly since {flies_s:.1f} s"
