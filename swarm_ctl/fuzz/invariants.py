@@ -720,9 +720,14 @@ def _against_completed(seen: Seen) -> Iterator[str]:
     """What a completed flight can't have."""
     flown, summary = seen.flown, seen.flown.summary
     left = {each.agent for each in summary.left}
+    waited = {
+        agent.id
+        for agent in seen.plan.agents
+        if agent.waits and not seen.events(agent.id, EventKind.LIFTOFF)
+    }
     for step in summary.steps:
         of = step.agents or seen.ids
-        if left.issuperset(of):  # of a group that the operator has ended
+        if (left | waited).issuperset(of):  # ended by the operator, or never launched
             continue
         planned = seen.plan.group_of(of[0], step.step).step(step.step)
         goes_on = planned is not None and planned.on_timeout is Policy.CONTINUE
@@ -736,8 +741,7 @@ def _against_completed(seen: Seen) -> Iterator[str]:
         last = seen.statuses[agent][-1:]
         if not last or (last[0].phase is not Phase.ENDED and agent not in seen.elsewhen):
             yield f"agent {agent} did not live to its end"
-        waited = seen.plan.agent(agent).waits and not seen.events(agent, EventKind.LIFTOFF)
-        if agent in left or waited:
+        if agent in left | waited:
             continue
         count, flew = len(seen.route(agent).steps), len(last[0].steps) - 1 if last else 0
         if flew < count and not _comes_back(seen, agent):

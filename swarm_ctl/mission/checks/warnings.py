@@ -207,6 +207,14 @@ def _crowded_groups(mission: MissionFile, plan: Plan) -> Findings:
         yield Mistake(place_of(at), what, "")
 
 
+def _grounded_groups(mission: MissionFile, plan: Plan) -> Findings:
+    waiting = {agent.id for agent in plan.agents if agent.waits}
+    for name, members in mission.groups.items():
+        if waiting.issuperset(members):
+            what = "all of it waits on the ground: nobody flies its steps before an order `launch`"
+            yield Mistake(("groups", name), what, "")
+
+
 def _limits_at_once(_mission: MissionFile, plan: Plan) -> Findings:
     """A policy that acts in a flight without any trouble."""
     policies, speed_mps = plan.policies, plan.limits.speed_mps
@@ -465,6 +473,7 @@ _WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (
     _loose_tolerance,
     _wakes,
     _crowded_groups,
+    _grounded_groups,
     _limits_at_once,
     _played_targets,
     _doubtful_steps,

@@ -194,3 +194,13 @@ def test_it_is_a_warning() -> None:
     words = [each for each in loads(text).warnings if "may not come" in each]
     assert len(words) == 1
     assert "agent 1 is to be 4 m from agent 5" in words[0]
+
+
+@pytest.mark.parametrize(("waiting", "warned"), [((2,), False), ((2, 4), True)])
+def test_a_group_that_waits_as_a_whole_is_warned_of(waiting: tuple[int, ...], warned: bool) -> None:
+    """One of it on its way is enough to fly its steps."""
+    starts = {2: "{id: 2, start: [0, 10]", 4: "{id: 4, start: [10, 10]"}
+    text = edited(*((starts[i], f"{starts[i]}, waits: true") for i in waiting))
+    words = [each for each in loads(text).warnings if "waits on the ground" in each]
+    assert len(words) == warned
+    assert all("groups.east" in each for each in words)
