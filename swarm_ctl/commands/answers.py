@@ -34,8 +34,8 @@ def answers(
 ) -> Iterator[str]:
     """A line for each answer, with the agents that gave it; `left` have left the formation already,
     those `beside` fly in other groups."""
-    kind, taken = sent.command.kind, [i for i, ack in sorted(sent.acks.items()) if ack.accepted]
-    about = sent.command.about
+    kind, about = sent.command.kind, sent.command.about
+    taken = [i for i, ack in sorted(sent.acks.items()) if ack.accepted and i not in about]
     rest = others(kind, taken, plan, {*left, *sent.meant}, beside) if sent.command.agents else ""
     if taken and about:
         does, then = _ABOUT[CommandKind(kind)], others(kind, about, plan, left, beside)

@@ -136,10 +136,11 @@ class SwarmNow:
     def meant(self, order: Order) -> tuple[int, ...]:
         """The agents that an order is for: those that it names, of a group those that have not left
         the formation; else all of the formation, and for one that ends the mission, or brings back
-        those that are away, all that have not ended."""
+        those that are away, all that have not ended. Who is expelled need not answer that."""
         ids = order.named(self.plan, self.step)
         if order.kind in ABOUT:
-            return tuple(a.id for a in self.agents if not a.down and a.id not in ids)
+            spared = ids if order.kind == CommandKind.EXPEL else ()
+            return tuple(a.id for a in self.agents if not a.down and a.id not in spared)
         if order.kind in _TOGETHER and not ids and len(groups := self.groups) == 1:
             ids = groups[0].ids
         reaches = (*ENDING, CommandKind.RESUME)

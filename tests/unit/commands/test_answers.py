@@ -28,6 +28,13 @@ def test_what_expel_does() -> None:
     assert list(answers(found, THREE)) == [f"{told} (policies.left_by_order)"]
 
 
+def test_what_readmit_does() -> None:
+    """That the one that it is about goes on is no news of the others."""
+    found = SentCommand(Command("c", "readmit", (), 0.0, about=(3,)), (1, 2, 3))
+    found.acks = {i: Ack(i, "c", True, "") for i in (1, 2, 3)}
+    assert list(answers(found, THREE)) == ["agents 1-2: listen to agent 3 again"]
+
+
 def sent(kind: str, agents: tuple[int, ...], refused: str = "") -> SentCommand:
     meant = agents or (1, 2, 3)
     found = SentCommand(Command("c", kind, agents, 0.0), meant)

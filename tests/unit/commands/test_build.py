@@ -316,6 +316,13 @@ def test_the_rest_are_those_that_a_split_leaves_now() -> None:
         assert command.agents == rest
 
 
+def test_who_is_readmitted_has_to_answer() -> None:
+    """It goes on by that order, so it is sent until it has come; who is expelled may be gone."""
+    swarm = in_groups()
+    for kind, meant in (("expel", {*WHERE} - {3}), ("readmit", {*WHERE})):
+        assert set(swarm.meant(Order(kind, (), (3,)))) == meant
+
+
 def test_to_expel_all_is_refused() -> None:
     with pytest.raises(InputError, match="some agents, not all"):
         build(Order("expel", groups=("scouts", "sweepers", "rest")), in_groups())
