@@ -359,7 +359,7 @@ class Agent:
         if command.kind == CommandKind.FORM:
             self._shape, self._heights = group.reference.shape, group.heights
         self._log.say(tick.now, Severity.INFO, f"the operator commands: {_named(command)}")
-        self._peers.expel(handler.expelled)
+        self._peers.expel(handler.expelled, tick.now)
         if command.kind == CommandKind.RESUME and self._phase is Phase.YIELD:
             self._takeover.take_back(tick)
         elif command.kind == CommandKind.RESUME:

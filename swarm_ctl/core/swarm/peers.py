@@ -103,10 +103,10 @@ class Peers:
         """A word of this peer is not believed, as another part of the agent found."""
         self._by_id[agent].doubt(finding, now)
 
-    def expel(self, agents: Container[int]) -> None:
+    def expel(self, agents: Container[int], now: float) -> None:
         """Listen to these peers no more, and to all others."""
         for peer in self:
-            peer.expel(out=peer.id in agents)
+            peer.expel(now, out=peer.id in agents)
 
     def suspects(self, now: float) -> dict[int, str]:
         """The peers of which a word was not believed of late, and why."""
@@ -232,6 +232,8 @@ class Peer:
     """Why its word was not believed last."""
     expelled: bool = False
     """The operator has ordered not to listen to it."""
+    listened_s: float = -math.inf
+    """Since when it is listened to again."""
     near_s: float = -math.inf
     """Since when it is near (`core/swarm/hearing.py`); inf: it is far."""
     _counted: int | None = None
@@ -313,6 +315,7 @@ class Peer:
             late_s > 0.0,
             self.true_s,
             abs(self._heights.off_m),
+            now - self.listened_s,
         )
 
     def _group(self, step: int) -> str:
@@ -325,8 +328,10 @@ class Peer:
         self.near_s = now if near else math.inf
         self._counted, self._view_until_s = None, -math.inf
 
-    def expel(self, *, out: bool) -> None:
+    def expel(self, now: float, *, out: bool) -> None:
         """Listen to it no more, or again."""
+        if self.expelled and not out:
+            self.listened_s = now
         self.expelled, self._view_until_s = out, -math.inf
 
     def elsewhere(self, now: float) -> OtherAircraft | None:

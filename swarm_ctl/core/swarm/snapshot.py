@@ -76,6 +76,8 @@ class OtherAircraft(NamedTuple):
     """When its state was true, on the own clock."""
     height_off_m: float = 0.0
     """By so much its heights have jumped in this flight (`HeightJumps`)."""
+    listened_s: float = math.inf
+    """For how long it is listened to again, which was expelled."""
 
     def age(self, now: float) -> float:
         """Of its state at `now` [s]."""
@@ -93,8 +95,9 @@ class OtherAircraft(NamedTuple):
 
     @property
     def silent_s(self) -> float:
-        """Its age, less what its words may be later than states."""
-        return self.age_s - FAR_LATE_S if self.far else self.age_s
+        """Its age, less what its words may be later than states; who is not listened to is not
+        silent."""
+        return min(self.age_s - FAR_LATE_S if self.far else self.age_s, self.listened_s)
 
 
 def predicted_s(peer: OtherAircraft) -> float:

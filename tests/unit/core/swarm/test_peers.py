@@ -103,9 +103,9 @@ def test_a_far_peers_view_is_made_anew_when_it_changes() -> None:
     tell(peers, 2, 10.5, 11, far=True)
     second = seen(peers, 2, 10.55)
     assert second is not first
-    peers.expel({2})
+    peers.expel({2}, 10.6)
     assert seen(peers, 2, 10.6).expelled
-    peers.expel(())
+    peers.expel((), 10.6)
     third = seen(peers, 2, 10.65)
     assert not third.expelled
     assert seen(peers, 2, 11.05) is not third

@@ -220,13 +220,17 @@ def test_forged_clock_messages_change_nothing() -> None:
 
 
 def test_an_expelled_peer_is_not_heard() -> None:
-    """Its last place stays, and is no longer followed; after `readmit` it is heard again."""
+    """Its last place stays, and is no longer followed; after `readmit` it is heard again, and
+    silent from then on."""
     peers, peer, now = heard()
-    peers.expel({2})
+    peers.expel({2}, now)
     assert not peer.hear(said(20), now)
     view = peers.snapshot(now).peers[0]
     assert (view.expelled, view.fresh, view.followed, view.yields) == (True, False, False, False)
-    peers.expel(set())
+    peers.expel(set(), now + 20.0)
+    later = peers.snapshot(now + 21.0).peers[0]
+    assert (later.fresh, later.silent_s) == (False, pytest.approx(1.0))
+    assert later.age_s > 20.0
     assert peer.hear(said(20), now)
     assert peers.snapshot(now).peers[0].fresh
 
