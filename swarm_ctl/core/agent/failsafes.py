@@ -266,7 +266,9 @@ def _peers_gone(s: Situation) -> FailsafeTrigger | None:
             continue  # never heard: the step's time-out bounds the wait
         reason = gave_up(peer, steps)
         if not reason and peer.silent_s > after:
-            reason = f"agent {peer.id} has not been heard for {after:g} s"
+            ended = peer.state.phase is Phase.ENDED
+            what = "broke the mission off" if ended else f"has not been heard for {after:g} s"
+            reason = f"agent {peer.id} {what}"
         if not reason:
             continue
         if not s.was_armed:  # nothing flies yet that could hold

@@ -116,8 +116,10 @@ def _comes_down(peer: OtherAircraft) -> bool:
 
 
 def deserted(peers: PeerSnapshot) -> bool:
-    """No peer is heard although some should be in the air: then no agent knows where they fly."""
+    """No peer is heard although some should be in the air: then no agent knows where they fly. Of
+    those that are expelled none is listened to: that says nothing."""
     up = [peer for peer in peers.peers if peer.state is not None and in_the_air(peer.state)]
+    up = [peer for peer in up if not peer.expelled]
     return bool(up) and not any(peer.followed for peer in up)
 
 

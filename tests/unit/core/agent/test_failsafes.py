@@ -314,6 +314,12 @@ ROWS = [
         OURS,
     ),
     Row(
+        "silent since it ended in the landing step, which it was not done with",
+        case(peer(2, 9.0, phase=Phase.ENDED, step=LAST, done=False), peer(3)),
+        LANDS,
+        "agent 2 broke the mission off",
+    ),
+    Row(
         "by policy hold", case(peer(2, 9.0), of=policies(agent_lost=Policy.HOLD)), HOLDS, "agent 2"
     ),
     Row("by policy continue", case(peer(2, 9.0), of=policies(agent_lost=Policy.CONTINUE))),

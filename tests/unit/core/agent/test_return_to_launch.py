@@ -127,6 +127,9 @@ def test_an_agent_that_hears_no_peer_knows_no_order() -> None:
     assert deserted(snapshot(peer(2, 2.0), peer(3, NEVER)))
     assert not deserted(snapshot(peer(2, 2.0), peer(3)))
     assert not deserted(snapshot(peer(2, NEVER), peer(3, NEVER)))
+    expelled = peer(3, 2.0)._replace(expelled=True)
+    assert deserted(snapshot(peer(2, 2.0), expelled))
+    assert not deserted(snapshot(peer(2, NEVER), expelled))
 
 
 # --- home ---
