@@ -298,14 +298,6 @@ def test_an_override_lasts_until_resume_or_next() -> None:
     assert agent.handler.override is None
 
 
-@pytest.mark.parametrize("kind", ["land", "return", "kill"])
-def test_an_ending_command_is_kept(kind: str) -> None:
-    agent = Flying()
-    agent.take(command(kind))
-    assert agent.handler.ordered == kind
-    assert agent.handler.override is None
-
-
 def test_an_older_command_is_refused_but_never_an_ending_one() -> None:
     """By the sender's time, not by the order in which they come."""
     agent = Flying()

@@ -8,22 +8,16 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from swarm_ctl.core.agent.group import Group
 from swarm_ctl.core.control.navigation import OwnFix
-from swarm_ctl.core.model.messages import AgentState, Phase
+from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.plan import Plan, Policies, Policy
-from swarm_ctl.core.model.steps.rotate import RotateStep
-from swarm_ctl.core.swarm.peers import Peers
 from swarm_ctl.core.swarm.snapshot import OtherAircraft, PeerSnapshot
 from tests.unit.core.builders import (
     FORM,
     HOLD,
     LAST,
-    NOW,
-    OWN,
     SLOTS,
     UNIT_M,
     Own,
@@ -31,7 +25,6 @@ from tests.unit.core.builders import (
     peer,
     plan,
     snapshot,
-    state,
     tick,
 )
 
@@ -70,28 +63,6 @@ def test_what_a_peer_shows(what: str, other: OtherAircraft, told: tuple[int, boo
     assert compared(snapshot(other, peer(3, step=FORM))) == [told, (FORM, False)]
 
 
-@given(st.data())
-def test_the_order_of_arrival_never_matters(data: st.DataObject) -> None:
-    """Lost, late and repeated states: what counts is the newest of each peer."""
-    said = [
-        state(agent, seq=k, time_s=NOW + 0.05 * k, step=k // 2, done=bool(k % 2))
-        for agent in (2, 3)
-        for k in range(1, 8)
-    ]
-    heard = data.draw(st.lists(st.sampled_from(said), min_size=1, max_size=25))
-    peers = Peers(plan(), OWN)
-    for each in heard:
-        peers.hear(each, NOW + 0.5)
-    newest = [_newest(heard, agent) for agent in (2, 3)]
-    assert compared(peers.snapshot(NOW + 0.6)) == newest
-
-
-def _newest(heard: list[AgentState], agent: int) -> tuple[int, bool]:
-    own = [each for each in heard if each.agent == agent]
-    last = max(own, key=lambda each: each.seq, default=None)
-    return BLOCKS if last is None else (last.step, last.done)
-
-
 # --- lost ---
 
 LOST: list[tuple[str, OtherAircraft, bool]] = [
@@ -113,12 +84,6 @@ def test_a_mission_that_goes_on_does_so_without_the_lost(
     peers = snapshot(other, peer(3))
     assert group(GOING_ON).lost(peers, airborne=True) == ({2} if lost else set())
     assert len(compared(peers, GOING_ON)) == (1 if lost else 2)
-
-
-@pytest.mark.parametrize("policy", [Policy.HOLD, Policy.LAND, Policy.RETURN])
-def test_by_any_other_policy_the_mission_waits(policy: Policy) -> None:
-    waiting = plan(policies=Policies(agent_lost=policy))
-    assert group(waiting).lost(snapshot(peer(2, 60.0), peer(3)), airborne=True) == set()
 
 
 def test_on_the_ground_no_peer_is_left_behind() -> None:
@@ -182,31 +147,3 @@ def test_it_is_measured_without_the_lost() -> None:
     gone = beside(3, 40.0, phase=Phase.ENDED)
     assert error_m(beside(2, 0.0), gone, of=GOING_ON) == pytest.approx(0.0)
     assert error_m(beside(2, 0.0), peer(3, 60.0), of=GOING_ON) == pytest.approx(0.0)
-
-
-def test_while_a_shape_turns_the_stop_points_count() -> None:
-    """The vehicles lag behind their places, their stop points do not."""
-    turning = plan(RotateStep(1.0, 1.0, 0.5, 2.0, 60.0))
-    measured = formed(turning, step=LAST)
-    measured.measure(tick(beside(2, 3.0), beside(3, -3.0)), NOWHERE, airborne=True)
-    assert measured.formation_error_m == pytest.approx(0.0)
-
-
-def test_it_is_measured_five_times_a_second() -> None:
-    measured, off = formed(), (beside(2, 3.0), beside(3, 0.0))
-    measured.measure(tick(), NOWHERE, airborne=True)
-    measured.measure(
-        tick(beside(2, 3.0), beside(3, 0.0), now=NOW + 0.19), (0.0, 0.0), airborne=True
-    )
-    assert measured.formation_error_m == pytest.approx(0.0)
-    measured.measure(tick(*off, now=NOW + 0.2), NOWHERE, airborne=True)
-    assert measured.formation_error_m == pytest.approx(2.0)
-
-
-def test_a_new_shape_forgets_the_error_of_the_old_one() -> None:
-    measured = formed()
-    measured.measure(tick(), NOWHERE, airborne=True)
-    measured.forget_shape()
-    assert measured.formation_error_m is None
-    measured.measure(tick(now=NOW + 0.01), NOWHERE, airborne=True)
-    assert measured.formation_error_m is not None

@@ -152,13 +152,6 @@ def test_a_station_that_is_expected_has_to_be_heard() -> None:
     assert check.refusal(on_ground()) == ""
 
 
-def test_an_agent_that_looks_at_plans_alone_needs_no_station() -> None:
-    """A takeover asks for the peers' plans, not for a station's."""
-    check = preflight()
-    assert check.other_plan(on_ground().peers, None) == ""
-    assert "agent 2" in check.other_plan(on_ground(peer(2, plan_hash=OTHER)).peers, None)
-
-
 # --- the estimate in the air: what is said at which time, and what the watch then says ---
 
 GOOD, BAD = 2.0, 2.1

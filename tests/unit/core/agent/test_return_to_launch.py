@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from swarm_ctl.core.agent.return_to_launch import (
-    HEIGHT_TOLERANCE_M,
-    ReturnToLaunch,
-    deserted,
-    return_height_m,
-)
+from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch, deserted, return_height_m
 from swarm_ctl.core.model.messages import Phase, ReturnStage
-from swarm_ctl.core.model.plan import Fence, Policies
+from swarm_ctl.core.model.plan import Fence
 from swarm_ctl.core.swarm.snapshot import OtherAircraft
 from tests.unit.core.builders import HEIGHT_M, NOW, fix, peer, plan, snapshot
 
@@ -50,20 +44,7 @@ def test_the_heights_stay_two_metres_below_the_fence(fence_m: float, heights: li
     assert [return_height_m(fenced, i) for i in (1, 2, 3)] == heights
 
 
-def test_the_separation_is_the_missions() -> None:
-    wide = plan(policies=Policies(return_separation_m=5.0))
-    assert return_height_m(wide, 3) == HEIGHT_M + 10.0
-
-
 # --- up ---
-
-
-@pytest.mark.parametrize("off_m", [HEIGHT_TOLERANCE_M + 0.01, -HEIGHT_TOLERANCE_M - 0.01])
-def test_it_climbs_until_it_is_at_its_height(off_m: float) -> None:
-    way = ReturnToLaunch(plan(), 1)
-    for second in range(5):
-        way.update(snapshot(now=NOW + second), fix(), way.height_m + off_m)
-    assert way.stage is CLIMB
 
 
 def test_it_stays_a_second_at_its_height_first() -> None:
@@ -115,14 +96,6 @@ def test_who_is_in_the_way_decides(
     assert (way.stage, way.blocked) == (stage, blocked)
 
 
-def test_who_made_room_goes_on_when_the_other_lands() -> None:
-    way, at = ReturnToLaunch(plan(), 2), fix(40.0)
-    for now in (NOW, NOW + 1.0, NOW + 2.0, NOW + 10.01):
-        way.update(snapshot(returning(1, FLY), now=now), at, way.height_m)
-    assert way.stage is WAIT
-    assert way.update(snapshot(returning(1, DOWN), now=NOW + 11.0), at, way.height_m) is FLY
-
-
 def test_an_agent_that_hears_no_peer_knows_no_order() -> None:
     assert deserted(snapshot(peer(2, 2.0), peer(3, NEVER)))
     assert not deserted(snapshot(peer(2, 2.0), peer(3)))
@@ -164,25 +137,11 @@ def test_when_it_goes_down(
     assert way.stage is stage
 
 
-def test_a_move_begins_the_wait_anew() -> None:
-    way = flying()
-    for second in range(40):
-        speed = 1.0 if second % 7 == 0 else 0.0
-        way.update(snapshot(now=NOW + 2 + second), fix(20, velocity=(speed, 0, 0)), way.height_m)
-    assert way.stage is FLY
-
-
 def test_without_a_position_nothing_changes_and_down_is_final() -> None:
     way = flying()
     assert way.update(snapshot(now=NOW + 99.0), None, 0.0) is FLY
     way.update(snapshot(now=NOW + 99.0), fix(), way.height_m)
     assert way.update(snapshot(now=NOW + 99.1), fix(30.0), 0.0) is DOWN
-
-
-def test_home_is_the_own_start() -> None:
-    assert ReturnToLaunch(plan(), 3).home_m == (0.0, 20.0)
-    moved = replace(plan(), unit_m=1.0)
-    assert ReturnToLaunch(moved, 3).home_m == (0.0, 10.0)
 
 
 def test_an_agent_that_hears_no_peer_sets_out_on_no_way_and_stops_on_one() -> None:

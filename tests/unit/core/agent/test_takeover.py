@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -24,14 +23,10 @@ from tests.unit.core.builders import (
     LAST,
     NOW,
     ORIGIN,
-    OWN,
-    PARKED,
     TAKEOFF,
     Own,
     fix,
     peer,
-    state,
-    texts,
     tick,
     view,
 )
@@ -54,25 +49,6 @@ def looking(seconds: float, *peers: Any, **seen: Any) -> tuple[Own, str]:
     if seconds:
         said = takeover.look(tick(*peers, now=NOW + seconds, **seen))
     return own, said
-
-
-# --- whether to look at all ---
-
-
-@pytest.mark.parametrize(
-    ("what", "seen", "changes", "pending"),
-    [
-        ("in the air", {}, {}, True),
-        ("on the ground", {"on_ground": True}, {}, False),
-        ("disarmed", {"armed": False}, {}, False),
-        ("our own flight", {}, {"arming_s": NOW}, False),
-    ],
-)
-def test_what_is_looked_at(
-    what: str, seen: dict[str, Any], changes: dict[str, Any], pending: bool
-) -> None:
-    """A vehicle in the air that this process has not armed."""
-    assert started(**changes)[1].pending(view(**seen)) is pending
 
 
 # --- the evidence ---
@@ -139,33 +115,10 @@ def test_an_order_to_land_is_as_good_as_a_peer(
     assert not takeover.took
 
 
-def test_just_standing_still_is_enough() -> None:
-    own, said = looking(1.0, fix=fix(velocity=(0.3, 0.4, 0.0)))
-    assert said == ""
-    assert own.vehicle.ours
-
-
 def test_it_listens_for_a_second_whether_it_is_there_twice() -> None:
     own, said = looking(0.99)
     assert "listening" in said
     assert not own.vehicle.ours
-
-
-def test_another_process_with_its_id_is_left_the_vehicle() -> None:
-    """A state with the own id within the last second."""
-    own, takeover = started()
-    takeover.hear(state(OWN), NOW + 0.5)
-    takeover.look(tick())
-    assert "another process speaks as agent 1" in takeover.look(tick(now=NOW + 1.5))
-    assert takeover.look(tick(now=NOW + 1.51)) == ""
-    assert own.vehicle.ours
-
-
-def test_states_of_the_peers_are_not_its_own() -> None:
-    _, takeover = started()
-    takeover.hear(state(2), NOW)
-    takeover.look(tick())
-    assert takeover.look(tick(now=NOW + 1.0)) == ""
 
 
 # --- the vehicle's mode ---
@@ -197,13 +150,6 @@ def test_which_modes_are_taken_over(
     assert why in said
 
 
-def test_a_decision_is_carried_out_not_repeated() -> None:
-    own, takeover = started()
-    takeover.look(tick(**PILOT))
-    assert own.interruption.trigger is not None
-    assert not takeover.pending(view(**PILOT))
-
-
 # --- what is taken over ---
 
 
@@ -212,18 +158,6 @@ def taken(*peers: Any, **seen: Any) -> tuple[Own, Takeover]:
     takeover.look(tick(*peers, **seen))
     assert takeover.look(tick(*peers, now=NOW + 1.0, **seen)) == ""
     return own, takeover
-
-
-def test_it_rejoins_at_the_furthest_step_of_its_peers() -> None:
-    own, _ = taken(peer(2, step=HOLD), peer(3, step=HOLD + 1))
-    assert own.progress.step == HOLD + 1
-    assert own.vehicle.was_armed
-    assert own.vehicle.ours
-    assert own.vehicle.target_height_m == HEIGHT_M
-    assert own.group.reference.slots
-    assert texts(own.log.events)[0].startswith(
-        "took over its vehicle in the air; rejoins at step 4"
-    )
 
 
 def test_it_takes_the_frame_of_the_lowest_peer_in_its_step() -> None:
@@ -252,27 +186,6 @@ def test_it_holds_for_a_second_while_it_learns() -> None:
     assert takeover.learning(tick(now=NOW + 1.1), 0) is None  # once and for all
 
 
-def test_it_holds_while_its_peers_carry_out_an_older_command() -> None:
-    """It has not heard the command, so it cannot follow; one it knows itself is no reason."""
-    commanded = (peer(2, override=77), peer(3))
-    late = NOW + 60.0
-    _, takeover = taken()
-    held = takeover.learning(tick(*commanded, now=late), 0)
-    assert held is not None
-    assert held.reason == "waits for the operator's command to end"
-    assert takeover.learning(tick(*commanded, now=late), 77) is None
-
-
-def test_an_agent_that_took_nothing_over_learns_nothing() -> None:
-    assert started()[1].learning(tick(), 0) is None
-
-
-@pytest.mark.parametrize("step", [TAKEOFF, LAST])
-def test_on_the_way_up_and_down_it_does_not_hold(step: int) -> None:
-    _, takeover = taken(peer(2, step=step), peer(3, step=step))
-    assert takeover.learning(tick(now=NOW + 1.01), 0) is None
-
-
 DONE: list[tuple[str, Callable[[], Any], bool]] = [
     ("a peer is done", lambda: peer(2, done=True), True),
     ("a peer is further", lambda: peer(2, step=HOLD + 1), True),
@@ -288,7 +201,3 @@ def test_a_hold_step_is_over_when_a_peer_says_so(
     own, takeover = taken()
     takeover.learning(tick(other(), now=NOW + 1.5), 0)
     assert own.progress.done is done
-
-
-def test_a_parked_vehicle_is_no_takeover() -> None:
-    assert not started()[1].pending(replace(view(), **PARKED))

@@ -12,21 +12,9 @@ from hypothesis import strategies as st
 
 from swarm_ctl.core.control.controller import Controller
 from swarm_ctl.core.model.messages import Gains
-from swarm_ctl.core.model.plan import Compensation, Plan, Point, Response, Safety
-from swarm_ctl.core.swarm.snapshot import NO_FORMATION, Formation, OtherAircraft, PeerSnapshot
-from tests.unit.core.builders import (
-    GROUP,
-    HOLD,
-    NOW,
-    OWN,
-    SLOTS,
-    UNIT_M,
-    alone,
-    fix,
-    peer,
-    plan,
-    snapshot,
-)
+from swarm_ctl.core.model.plan import Plan, Point, Response
+from swarm_ctl.core.swarm.snapshot import Formation, OtherAircraft, PeerSnapshot
+from tests.unit.core.builders import GROUP, HOLD, NOW, OWN, SLOTS, UNIT_M, fix, peer, plan, snapshot
 
 PLAN = plan()
 R_IN_M, R_OUT_M = PLAN.law.r_in * UNIT_M, PLAN.law.r_out * UNIT_M
@@ -60,36 +48,6 @@ def speed(velocity: Point) -> float:
 # --- the law ---
 
 
-def test_in_its_shape_an_agent_stands() -> None:
-    assert speed(controller().form(in_the_row(), ROW)) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_out_of_its_slot_it_flies_towards_it() -> None:
-    """North of the row it flies south, slower than the limit."""
-    north, east = controller(north=3.0).form(in_the_row(), ROW)
-    assert -PLAN.limits.speed_mps <= north < -0.5
-    assert abs(east) < abs(north)
-
-
-def test_its_neighbours_alone_pull() -> None:
-    """An agent without neighbours and slots stands where it is."""
-    assert speed(controller(north=3.0).form(in_the_row(), NO_FORMATION)) == 0.0
-
-
-def test_a_silent_neighbour_does_not_pull() -> None:
-    """Agent 3, far from its slot, pulls agent 1; with an old state it does not."""
-    pulled = controller().form(snapshot(at(2, 0, 10), at(3, 0, 40)), ROW)
-    free = controller().form(snapshot(at(2, 0, 10), at(3, 0, 40, age_s=1.5)), ROW)
-    assert pulled[1] > 0.1
-    assert free == pytest.approx((0.0, 0.0), abs=1e-9)
-
-
-def test_the_feed_forward_comes_on_top() -> None:
-    """What moves the formation as a whole."""
-    moving = replace(ROW, velocity=1 + 0j)
-    assert controller().form(in_the_row(), moving, (1.0, 0.0)) == pytest.approx((1.0, 0.0), abs=0.1)
-
-
 def test_a_pinned_agent_hurries_no_more_than_the_others() -> None:
     """Its place weighs as much as its neighbours, so it stands between them; it leaves a place
     where both agree as slowly as an agent that is not pinned."""
@@ -98,15 +56,6 @@ def test_a_pinned_agent_hurries_no_more_than_the_others() -> None:
     free = controller(north=0.5).form(in_the_row(), ROW)
     pinned = controller(north=0.5).form(in_the_row(), ROW, off_m=(-0.5, 0.0))
     assert free[0] <= pinned[0] == pytest.approx(free[0], rel=0.15)
-
-
-def test_higher_gains_pull_harder() -> None:
-    away = {2: (1.5, 0.0), 3: (1.5, 0.0)}
-    slow, fast = controller(), controller()
-    fast.set_gains(Gains(PLAN.law.delta_a, PLAN.law.delta_l, PLAN.law.h, PLAN.kappa * 2))
-    assert fast.gain == pytest.approx(2 * slow.gain)
-    pull = slow.form(in_the_row(away), ROW)
-    assert fast.form(in_the_row(away), ROW)[0] > 1.2 * pull[0] > 0.0
 
 
 # --- what stands between the law and the vehicle ---
@@ -151,14 +100,6 @@ def test_no_agent_flies_at_a_peer_that_stands_beside_it(
     assert north * peer_at[0] + east * peer_at[1] <= 1e-6 * gap
 
 
-def test_without_the_filter_the_wish_is_flown() -> None:
-    """The plain law of the paper, as a mission may ask for."""
-    plain = plan(safety=Safety(filter=False, guard=False, release=False, align=False))
-    near = snapshot(at(2, 1.1 * R_IN_M, 0.0), at(3, 0.0, 20.0))
-    unfiltered = controller(plain).form(near, ROW)
-    assert controller().form(near, ROW) != unfiltered
-
-
 def test_it_keeps_clear_of_all_that_comes_near() -> None:
     """A peer or an aircraft that only the traffic sensor sees; far ones move nothing."""
     near, far = at(2, 0.8 * R_OUT_M, 0.0), at(2, 40.0, 0.0)
@@ -166,14 +107,6 @@ def test_it_keeps_clear_of_all_that_comes_near() -> None:
     assert speed(controller().keep_clear(snapshot(far))) == 0.0
     stranger = OtherAircraft(0, None, 4 + 0j, 4 + 0j, 0j, 0.1, 0.1, fresh=True)
     assert controller().keep_clear(PeerSnapshot(NOW, (), (stranger,)))[0] < 0.0
-
-
-def test_it_goes_straight_to_a_point_and_stops_there() -> None:
-    own = controller()
-    north, east = own.go_to(alone(), (30.0, 40.0), 2.5)
-    assert speed((north, east)) == pytest.approx(2.5)
-    assert north / east == pytest.approx(0.75)
-    assert speed(own.go_to(alone(), (0.0, 0.0), 2.5)) == 0.0
 
 
 # --- what it stores ---
@@ -195,22 +128,6 @@ def test_setpoints_in_the_dead_time_move_the_stop_point() -> None:
         own.rest()
     own.locate(fix(), NOW)
     assert own.stop_point_m == (0.0, 0.0)
-
-
-def test_the_law_is_fed_with_the_position_where_the_mission_says_so() -> None:
-    plain = controller(plan(compensation=Compensation.NONE), velocity=(4.0, 0.0, 0.0))
-    assert plain.point_m == (0.0, 0.0) != plain.stop_point_m
-    compensated = controller(velocity=(4.0, 0.0, 0.0))
-    assert compensated.point_m == compensated.stop_point_m
-
-
-def test_a_rest_is_a_setpoint_of_zero_and_has_no_report() -> None:
-    own = controller()
-    own.form(snapshot(at(2, 0.5 * R_OUT_M, 0.0), at(3, 0.0, 20.0)), ROW)
-    assert own.sigma_report(NOW) is not None
-    own.rest()
-    assert own.setpoint_mps == (0.0, 0.0)
-    assert own.sigma_report(NOW) is None
 
 
 def test_the_sigma_report_has_the_pairs_within_r_out() -> None:

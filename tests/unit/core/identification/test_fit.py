@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import Phase, example, given, settings
@@ -38,17 +36,6 @@ def flown(
 
 def found(vehicle: Response, typical: Response = USUAL, **how: float) -> Fit:
     return fit(flown(vehicle, **how), typical)  # type: ignore[arg-type]
-
-
-def test_the_model_is_dead_time_then_an_exponential_then_a_ramp() -> None:
-    """Nothing within the dead time; 63 % of a small step after one lag more; a large one no faster
-    than the limit."""
-    times = TICK_S * np.arange(100)
-    small = model(times, np.full(100, 1.0), Response(0.4, 0.5, 20.0))
-    assert np.all(small[times < 0.39] == 0.0)
-    assert np.interp(0.9, times, small) == pytest.approx(1.0 - math.exp(-1.0), abs=0.01)
-    large = model(times, np.full(100, 10.0), Response(0.0, 0.5, 2.0))
-    assert np.diff(large).max() == pytest.approx(2.0 * TICK_S)
 
 
 @settings(
@@ -148,13 +135,6 @@ def test_a_vehicle_that_does_not_obey_is_not_to_be_flown_with() -> None:
         fitted = fit(legs, USUAL)
         assert not fitted.usable
         assert fitted.warnings
-
-
-def test_what_is_written_is_within_what_a_mission_file_allows() -> None:
-    fitted = found(Response(0.0, 0.05, 20.0), Response(0.0, 0.1, 20.0))
-    assert fitted.rounded.lag_s >= 0.02
-    assert round(fitted.rounded.dead_time_s, 2) == fitted.rounded.dead_time_s
-    assert fitted.rounded.acceleration_mps2 <= 20.0
 
 
 def test_no_steps_no_fit() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.core.identification.step_flight import WAYS, StepFlight, Steps
+from swarm_ctl.core.identification.step_flight import StepFlight, Steps
 from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.core.model.plan import Fence, Response
@@ -116,15 +116,6 @@ def test_what_is_refused(what: str, seen: dict[str, Any], after_s: float, why: s
 
 
 @pytest.mark.parametrize(
-    ("seen", "just_s"), [(NOT_READY, 119.0), (NOT_READY | {"heartbeat_s": -math.inf}, 14.0)]
-)
-def test_it_is_patient_for_so_long(seen: dict[str, Any], just_s: float) -> None:
-    vehicle = Vehicle(**seen)
-    vehicle.run(just_s)
-    assert vehicle.flight.ended is None
-
-
-@pytest.mark.parametrize(
     ("fence", "why"),
     [
         (square(BOX + 0.1), ""),
@@ -141,60 +132,6 @@ def test_the_box_lies_inside_the_geofence(fence: Fence, why: str) -> None:
         assert why in vehicle.ended[1]
     else:
         assert vehicle.flight.ended is None
-
-
-def test_a_stop_on_the_ground_ends_it() -> None:
-    vehicle = Vehicle()
-    vehicle.run(0.5)
-    vehicle.tick("interrupted")
-    assert vehicle.ended == (Outcome.ABORTED, "interrupted")
-
-
-# --- the schedule ---
-
-
-def test_the_whole_flight() -> None:
-    """All legs of both ways, inside the box, at the speed that was asked for; then it is down."""
-    vehicle = Vehicle()
-    farthest_m = 0.0
-    for _ in range(round(400.0 / TICK_S)):
-        if vehicle.flight.ended is None:
-            vehicle.tick()
-            farthest_m = max(farthest_m, *map(abs, vehicle.at[:2]))
-    assert vehicle.ended == (Outcome.COMPLETED, "")
-    assert vehicle.flight.missing == ""
-    assert [leg.way for leg in vehicle.flight.legs] == ["north"] * 4 + ["east"] * 4
-    assert max(math.hypot(north, east) for north, east, _ in vehicle.setpoints) == 3.0
-    assert farthest_m < STEPS.least_box_m <= BOX
-    assert vehicle.at[2] == pytest.approx(0.0, abs=0.1)
-
-
-def test_a_leg_goes_out_and_back() -> None:
-    """The command of each leg sums to nothing, and lies along its way."""
-    vehicle = Vehicle()
-    vehicle.run()
-    for leg in vehicle.flight.legs:
-        assert set(leg.commands_mps) == {0.0, max(leg.commands_mps), -max(leg.commands_mps)}
-        assert sum(leg.commands_mps) == pytest.approx(0.0, abs=max(leg.commands_mps) * 1.01)
-        assert leg.way in WAYS
-
-
-def test_a_leg_with_a_gap_does_not_count() -> None:
-    """The machine was too busy to send for longer than 0.25 s: the other way still tells."""
-    vehicle = Vehicle()
-    for _ in range(round(60.0 / TICK_S)):
-        if not any(" m/s for " in text for text in vehicle.flight.said):
-            vehicle.tick()
-    vehicle.now += 0.3
-    vehicle.run()
-    assert len(vehicle.flight.legs) == 7
-    assert vehicle.flight.missing == ""
-
-
-def test_without_legs_it_says_what_is_missing() -> None:
-    vehicle = Vehicle()
-    vehicle.run(10.0)
-    assert vehicle.flight.missing.startswith("0 of 8 legs were flown without a gap of 0.25 s")
 
 
 # --- what ends it in the air ---
@@ -227,13 +164,3 @@ def test_traffic_ends_it(what: str, where: tuple[float, float], ends: bool) -> N
         assert "another aircraft is" in reason
     else:
         assert vehicle.flight.ended is None
-
-
-def test_a_stop_in_the_air_lands_it() -> None:
-    """For good: the reason is the first that was given."""
-    vehicle = Vehicle()
-    vehicle.run(20.0)
-    vehicle.tick("interrupted")
-    vehicle.run(stop="again")
-    assert vehicle.ended == (Outcome.ABORTED, "interrupted")
-    assert vehicle.at[2] == pytest.approx(0.0, abs=0.1)

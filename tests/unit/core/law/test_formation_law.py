@@ -15,7 +15,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from swarm_ctl.core.kernel.law import INACTIVE, NARROW, OVERSPEED, PAPER, STATUSES, Law, cut_off
+from swarm_ctl.core.kernel.law import NARROW, STATUSES, Law, cut_off
 from swarm_ctl.core.model.plan import LawParameters
 from tests.unit.core.law.evaluated import LawResult, evaluate
 
@@ -212,15 +212,6 @@ def test_finite_for_all_inputs(positions: np.ndarray, crowd: bool, linked: int) 
         assert np.isfinite(result.pairs.sigma).all()
 
 
-@given(swarms())
-def test_without_neighbours_only_avoidance(swarm: Any) -> None:
-    """An agent without neighbours gets u from avoidance alone."""
-    positions, slots, _, law = swarm
-    result = evaluate_one(0, positions, slots, [], law)
-    assert (result.consensus == 0).all()
-    assert (result.u == result.avoidance).all()
-
-
 def test_one_spot_parts_them() -> None:
     """Two agents on one spot push in opposite directions, the lower id to the north."""
     positions = np.zeros((2, 2))
@@ -250,15 +241,6 @@ def test_batch_is_the_same_as_one_by_one(swarms_: list[Any]) -> None:
     for b, (p, z, neighbours, _) in enumerate(swarms_):
         single = evaluate_one(0, p, z, neighbours, law)
         assert result.u[b] == pytest.approx(single.u, rel=1e-12, abs=1e-15)
-
-
-def test_statuses_have_their_names() -> None:
-    assert [STATUSES[k] for k in (PAPER, NARROW, INACTIVE, OVERSPEED)] == [
-        "paper",
-        "narrow",
-        "inactive",
-        "overspeed",
-    ]
 
 
 def test_cut_off_is_continuous() -> None:

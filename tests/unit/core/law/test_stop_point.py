@@ -64,11 +64,6 @@ def test_single_integrator_seen_from_the_stop_point(commands: list[tuple[float, 
         assert vehicle.stop_point() - before == pytest.approx(complex(*command) * DT, abs=2e-3)
 
 
-def test_at_rest_the_stop_point_is_the_position() -> None:
-    under_way = [0j] * pending(VEHICLE, DT)
-    assert stop_point(3 - 4j, 0j, under_way, DT, VEHICLE) == pytest.approx(3 - 4j)
-
-
 def test_stop_distance_has_no_jump_where_braking_saturates() -> None:
     knee = VEHICLE.acceleration_mps2 * VEHICLE.lag_s
     below, above = (

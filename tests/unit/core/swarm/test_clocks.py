@@ -253,13 +253,6 @@ def test_everybody_knows_everybody_in_three_words() -> None:
     assert all(len([at for at in times if at > 5.0]) <= 3 for times in said.values())
 
 
-def test_nothing_is_known_at_first() -> None:
-    """And nothing is said to those who are silent."""
-    clock = PeerClock()
-    assert (clock.known, clock.unknown_s, clock.bounds(3.0)) == (False, None, (-math.inf, math.inf))
-    assert Clocks(1, [2]).say(0.0) == ClockNews(1, 0.0, Answers.REGULAR, ())
-
-
 def shared() -> tuple[Clocks, Peer]:
     """Agent 1's knowledge of agents 2 and 3, all on one clock, and agent 2 as it hears it."""
     clocks = Clocks(1, [2, 3], {1, 2, 3})

@@ -34,25 +34,6 @@ def test_only_neighbours_that_are_heard_count() -> None:
     assert middle.heard(snapshot(peer(1), peer(2), peer(4, 1.01), peer(5))) == (2,)
 
 
-def test_a_lost_agent_is_bridged() -> None:
-    """Its neighbours become neighbours of each other, and say so; the same news is told once."""
-    middle = of(3)
-    assert middle.lose({4}) == [
-        (Severity.INFO, "now a neighbour of agent 5, so that the graph stays connected")
-    ]
-    assert middle.own == {2, 5}
-    assert 4 not in middle.links
-    assert middle.lose({4}) == []
-
-
-def test_an_agent_that_is_back_has_its_place_again() -> None:
-    middle = of(3)
-    middle.lose({4})
-    middle.lose(())
-    assert middle.own == {2, 4}
-    assert middle.links == CHAIN
-
-
 @given(st.sets(st.sampled_from((1, 2, 4, 5))))
 def test_the_survivors_stay_connected(lost: set[int]) -> None:
     middle = of(3)
@@ -102,11 +83,3 @@ def test_a_silent_neighbour_is_reported(agent: int, silent: set[int], said: str)
     assert own.watch(some) == []
     back = [(Severity.INFO, f"neighbour {i} is heard again") for i in sorted(silent)]
     assert own.watch(all_heard) == (back if said else [])
-
-
-def test_a_lost_neighbour_is_not_reported_again_as_silent() -> None:
-    middle = of(3)
-    middle.lose({4})
-    heard = snapshot(peer(1), peer(2), peer(4, 9.0), peer(5))
-    assert middle.watch(heard) == []
-    assert middle.heard(heard) == (2, 5)
