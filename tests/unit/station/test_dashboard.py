@@ -13,14 +13,12 @@ from textual.filter import NoColor
 from textual.pilot import Pilot
 
 from swarm_ctl.commands.parse import Order
-from swarm_ctl.core.model.messages import Ack, Command, Event, Phase, VehicleLinkReport
+from swarm_ctl.core.model.messages import Ack, Command, Event, VehicleLinkReport
 from swarm_ctl.station.dashboard.app import Dashboard
-from swarm_ctl.station.dashboard.bars import protection_line
 from swarm_ctl.station.dashboard.drawing.picture import Chosen, Picture
 from swarm_ctl.station.dashboard.panes.agent_table import in_order, titles
 from swarm_ctl.station.dashboard.panes.swarm_pane import SwarmPane
 from swarm_ctl.station.dashboard.themes import DARK, LIGHT, PLAIN
-from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.protection import MeshKind, Protection
 from swarm_ctl.station.picture.view import SwarmView
 from tests.on_demand import on_demand
@@ -37,7 +35,7 @@ from tests.unit.station.screens import (
     snapshot_path,
     text,
 )
-from tests.unit.station.swarm import flying_model, hexagon_plan, state_of, status_of
+from tests.unit.station.swarm import flying_model, hexagon_plan, status_of
 
 Play = Callable[[Dashboard, Pilot[None], Desk], Awaitable[None]]
 
@@ -91,25 +89,6 @@ def test_every_screen_fits_wherever_it_is_drawn(size: tuple[int, int]) -> None:
             assert {len(line) for line in lines} == {size[0]}
 
     _play(play, PICTURES["lost"](), size)
-
-
-def test_keys_and_clicks_change_screens() -> None:
-    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
-        await pilot.press("2")
-        await settled(pilot)
-        assert "30 mesh links, all well" in text(app)
-        await pilot.press("tab")
-        await settled(pilot)
-        assert "narrow" in text(app)
-        row, column = _find(app, "4 Log")
-        await pilot.click(offset=(column, row))
-        await settled(pilot)
-        assert "EKF variance high" in text(app)
-        await pilot.press("shift+tab", "shift+tab", "shift+tab")
-        await settled(pilot)
-        assert "▴id" in text(app)
-
-    _play(play)
 
 
 def _find(app: Dashboard, words: str) -> tuple[int, int]:
@@ -193,15 +172,6 @@ def test_a_zone_is_placed_on_the_map_by_keys_and_clicks() -> None:
         assert len(desk.orders) == 2
 
     _play(play, size=(160, 50))
-
-
-def test_without_a_map_no_zone_is_placed() -> None:
-    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
-        await pilot.press("Z", "enter")
-        await settled(pilot)
-        assert "no map to place a zone on" in text(app)
-
-    _play(play, PICTURES["waiting"]())
 
 
 def test_the_command_line_completes_refuses_and_remembers() -> None:
@@ -326,33 +296,6 @@ def test_next_asks_where_it_leads_to_a_landing() -> None:
     _play(play)
 
 
-def test_keys_that_come_all_at_once_keep_their_order() -> None:
-    """Over a slow line: a correction must not come after what it makes room for."""
-
-    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
-        await pilot.press("colon")
-        keys = [
-            *"tune",
-            " ",
-            "h",
-            "tab",
-            "backspace",
-            "4",
-            "left",
-            "backspace",
-            "3",
-            "right",
-            "enter",
-        ]
-        for key in keys:
-            app.post_message(Key({" ": "space"}.get(key, key), key if len(key) == 1 else None))
-        await settled(pilot)
-        await settled(pilot)
-        assert "tune: h 0.34; allowed in flight" in text(app)
-
-    _play(play)
-
-
 def test_ctrl_c_is_the_runs_and_q_leaves_only_a_watcher() -> None:
     async def mine(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
         await pilot.press("colon", "ctrl+c")
@@ -399,25 +342,6 @@ def test_the_last_station_asks_before_it_leaves(key: str) -> None:
         assert app._exit
 
     _play(play, owns_run=False)
-
-
-def test_answers_tick_off_agent_by_agent() -> None:
-    model = flying_model(PLAN)
-    model.fold(Command("c", "land", (), 30.0), 30.0)
-    model.fold(Ack(2, "c", True, ""), 30.0)
-    first = model.view(30.0)
-    for agent in (1, 3, 4):
-        model.fold(Ack(agent, "c", True, ""), 30.1)
-    for agent in (5, 6):
-        model.fold(Ack(agent, "c", False, f"agent {agent} no longer flies its vehicle"), 30.1)
-    second = model.view(30.1)
-
-    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
-        assert "land  2✓ 1, 3-6…" in text(app)
-        await shown(app, pilot, second)
-        assert "land  1✓ 2✓ 3✓ 4✓  ✗ agents 5-6: it no longer flies its vehicle" in text(app)
-
-    _play(play, first)
 
 
 def test_the_log_filters_while_it_is_typed() -> None:
@@ -533,28 +457,6 @@ def test_nothing_an_agent_says_commands_the_terminal() -> None:
     _play(play, model.view(30.0), (160, 40))
 
 
-def test_the_verdict_is_the_worst_alarm() -> None:
-    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
-        assert text(app).splitlines()[1].startswith(" ✗ agent 3: not heard for 4.2 s")
-        assert app.picture is not None
-        assert app.picture.levels()[3] is Level.ERROR
-
-    _play(play, PICTURES["lost"]())
-
-
-def test_what_is_told_before_there_is_a_screen_is_in_the_log() -> None:
-    async def go() -> None:
-        app = Dashboard(PLAN, lambda _: None, None)
-        app.offer(PICTURES["well"]())
-        app.tell("log from now on")
-        async with app.run_test(size=(80, 24)) as pilot:
-            await pilot.press("4")
-            await settled(pilot)
-            assert text(app).count("log from now on") == 2, "below the screen, and in the log"
-
-    asyncio.run(go())
-
-
 def test_what_is_pasted_is_words_of_the_open_line_and_never_an_order() -> None:
     async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
         app.post_message(Paste("land\r"))
@@ -622,19 +524,6 @@ def test_what_keeps_others_off_is_on_every_screen(view: SwarmView, told: str) ->
 
 
 @pytest.mark.parametrize(
-    ("by", "words"),
-    [
-        (Protection(MeshKind.OPEN), "MESH OPEN"),
-        (Protection(MeshKind.TLS, "operator anna", links_open=True), "LINKS OPEN"),
-    ],
-)
-def test_what_is_open_is_red(by: Protection, words: str) -> None:
-    line, style = protection_line(Picture(_protected(by), (), (), 0, Chosen()))
-    assert words in line.text
-    assert style.endswith("on red")
-
-
-@pytest.mark.parametrize(
     "broken", ["title_line", "verdict_line", "protection_line", "answers_line", "Journal.update"]
 )
 def test_an_error_in_a_part_of_the_dashboard_ends_none_of_the_others(
@@ -657,34 +546,3 @@ def test_an_error_in_a_part_of_the_dashboard_ends_none_of_the_others(
             assert sum("IndexError: tuple index out of range" in text for text in told) == 1
 
     asyncio.run(use())
-
-
-def test_a_station_of_ended_agents_is_left_without_a_question() -> None:
-    """Whatever their last states say of the air."""
-
-    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
-        await pilot.press("q")
-        await settled(pilot)
-        assert app._exit
-
-    model = flying_model(PLAN)
-    for agent in range(1, 7):
-        model.fold(state_of(PLAN, agent, 30.5, 9999, phase=Phase.ENDED), 30.5)
-    _play(play, model.view(30.6), owns_run=False)
-
-
-@pytest.mark.parametrize("size", [(160, 30), (160, 50), (120, 24), (80, 24)])
-def test_trends_stand_where_the_table_leaves_room(size: tuple[int, int]) -> None:
-    """Never at the cost of the log, and nothing fails where there is none."""
-
-    async def go() -> None:
-        for name, count in (("well", 6), ("crowd", 32)):
-            view = PICTURES[name]()
-            async with opened(view, size) as (app, pilot, _):
-                for k in (2.0, 4.0, 6.0):
-                    await shown(app, pilot, replace(view, time_s=view.time_s + k))
-                roomy = size[0] >= 120 and size[1] >= count + 24
-                assert ("nearest pair in the air" in text(app)) == roomy, text(app)
-                assert not [line for line in app._journal.entries if "failed" in line.text]
-
-    asyncio.run(go())

@@ -9,7 +9,7 @@ import pytest
 from textual.pilot import Pilot
 
 from swarm_ctl.commands.parse import KINDS
-from swarm_ctl.station.dashboard.player import SPEEDS, Player, at_speed, clock, timeline
+from swarm_ctl.station.dashboard.player import Player, clock
 from tests.on_demand import on_demand
 from tests.unit.station.recorded import SILENT_S, film
 from tests.unit.station.screens import settled, text
@@ -190,28 +190,6 @@ def test_what_is_not_read_yet_is_gone_to_when_it_is() -> None:
     asyncio.run(go())
 
 
-def test_the_same_screens_and_its_own_help() -> None:
-    async def play(app: Player, pilot: Pilot[None], watch: Watch) -> None:
-        await pilot.press("space", "colon", *"30", "enter")
-        for key, words in (
-            ("2", "rx\\tx"),
-            ("3", "tally of the flight"),
-            ("4", "agent 3: not heard"),
-        ):
-            await pilot.press(key)
-            await settled(pilot)
-            assert words in text(app)
-        await pilot.press("question_mark")
-        await settled(pilot)
-        assert "once more from the start" in text(app)
-        assert "stop the motors" not in text(app)
-        assert "land all" not in text(app)
-        await pilot.press("q")
-        assert app._exit
-
-    _play(play)
-
-
 @pytest.mark.parametrize("size", [(20, 6), on_demand((40, 12)), (80, 24), (250, 80)])
 def test_it_fits_wherever_it_is_drawn(size: tuple[int, int]) -> None:
     async def play(app: Player, pilot: Pilot[None], watch: Watch) -> None:
@@ -223,17 +201,3 @@ def test_it_fits_wherever_it_is_drawn(size: tuple[int, int]) -> None:
                 assert "REPLAY" in text(app)
 
     _play(play, size)
-
-
-def test_speeds_and_lines() -> None:
-    assert [at_speed(speed, 0) for speed in (0.25, 0.3, 3.0, 49.0)] == [0.25, 0.25, 2.0, 50.0]
-    assert at_speed(50.0, 1) == SPEEDS[-1]
-    assert at_speed(0.25, -1) == SPEEDS[0]
-    assert [clock(t) for t in (0.0, 59.99, 60.0, 3605.25)] == [
-        "00:00.0",
-        "00:59.9",
-        "01:00.0",
-        "60:05.2",
-    ]
-    made = film()
-    assert timeline(made, Player(made, lambda: 0.0).playing, 30).text.startswith(" REPLAY ")

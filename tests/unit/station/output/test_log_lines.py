@@ -77,16 +77,6 @@ def test_an_alarm_is_raised_once_and_cleared_once_though_its_figures_change() ->
     ]
 
 
-def test_a_reason_with_a_running_figure_is_told_once() -> None:
-    model = Model(PLAN)
-    views = [model.view(0.0)]
-    for k in range(3):
-        _waiting(model, 1, 1.0 + k, f"the vehicle stands {8 - k}.5 m from its planned start")
-        views.append(model.view(1.0 + k))
-    told = [line for a, b in itertools.pairwise(views) for line in log_lines(a, b)]
-    assert sum("stands" in line for line in told) == 1
-
-
 def test_answers_to_a_command_are_told_as_they_come() -> None:
     model = flying_model(PLAN)
     views = [model.view(30.0)]
@@ -116,14 +106,6 @@ def test_events_of_many_agents_are_one_line_and_what_is_dropped_is_counted() -> 
     assert overrun == "[   30.0 s] 200 events came too fast to be told"
     assert len(told) == 200
     assert "agents 2-6: note 199" in told[-1]
-
-
-def test_an_agent_repeating_itself_is_told_each_time() -> None:
-    model = flying_model(PLAN)
-    before = model.view(30.0)
-    for time_s in (30.1, 30.2):
-        model.fold(Event(1, time_s, "info", "going on"), time_s)
-    assert len(log_lines(before, model.view(30.2))) == 2
 
 
 def test_what_was_said_before_is_told_at_its_own_time() -> None:

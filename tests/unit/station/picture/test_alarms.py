@@ -234,28 +234,6 @@ def test_every_broken_sigma_is_an_error(changes: dict[str, object]) -> None:
     assert (alarm.name, alarm.level) == ("sigma bound", Level.ERROR)
 
 
-def test_a_machine_that_does_not_keep_up_is_told_once_for_all() -> None:
-    view = _slow(1, 2, 4, 6)
-    assert gather_alarms(alarms(view)) == [
-        (
-            Level.ERROR,
-            "agents 1-6: the machine can't keep up with --speedup 20: ticks 12.5 of 20 Hz",
-        )
-    ]
-
-
-def test_a_target_that_was_never_heard_is_told_from_one_that_fell_silent() -> None:
-    stands = ": the formation stands"
-    for silent_s, words in ((6.2, "has not been heard for 6.2 s"), (None, "was never heard")):
-        (alarm,) = alarms(_follows(9.0, silent_s))
-        assert alarm.text == f"agents 1-6: target boat {words}{stands}"
-
-
-def test_a_mixture_of_laws_is_told_with_what_differs() -> None:
-    (alarm,) = alarms(_other_law(2.0))
-    assert alarm.text == "agent 4: another law than agents 1-3, 5-6: h 0.05 -> 0.04"
-
-
 def test_a_figure_just_beyond_its_limit_can_be_told_from_it() -> None:
     (alarm,) = alarms(_state(6, position_ned_m=(60.0, 60.0 - 22.5004, -10.0)))
     assert alarm.text == "agents 2, 6: their link is 22.5004 m long, over r 22.5000 m"
@@ -275,18 +253,6 @@ def test_refusals_of_agents_and_station_are_one_line() -> None:
     assert gather_alarms(alarms(alone)) == [(Level.WARNING, f"this station: {words}")]
 
 
-def test_errors_come_before_warnings() -> None:
-    model = flying_model(PLAN, 30.0)
-    model.fold(status_of(PLAN, 1, 30.0, battery_percent=5.0), 30.0)
-    model.fold(status_of(PLAN, 6, 30.0, outcome=Outcome.FAILED, reason="x"), 30.0)
-    view = model.view(30.0)
-    assert [alarm.name for alarm in alarms(view)] == ["failed", "battery"]
-    assert verdict(view, alarms(view)) == [
-        (Level.ERROR, "agent 6: x"),
-        (Level.WARNING, "agent 1: battery at 5 %"),
-    ]
-
-
 def _each(**changes: object) -> SwarmView:
     """The changes in every agent's status."""
     model = flying_model(PLAN, 30.0)
@@ -301,26 +267,6 @@ def test_alarms_of_one_reason_are_one_line() -> None:
     landed = {"action": FailsafeAction.LAND, "cause": Cause.ORDER, "reason": "landed"}
     assert verdict(_each(**landed), alarms(_each(**landed))) == [
         (Level.WARNING, "agents 1-6: landed")
-    ]
-
-
-def test_measured_alarms_of_one_kind_are_one_line() -> None:
-    model = flying_model(PLAN, 30.0)
-    for agent in (2, 4, 5):
-        model.fold(status_of(PLAN, agent, 30.0, battery_percent=10.0 + agent), 30.0)
-    assert gather_alarms(alarms(model.view(30.0))) == [
-        (Level.WARNING, "agent 2: battery at 12 % (and 2 more: agents 4-5)")
-    ]
-
-
-def test_reasons_that_differ_have_a_line_each() -> None:
-    model = flying_model(PLAN, 30.0)
-    for agent in (2, 4, 5):
-        broken = {"action": FailsafeAction.LAND, "cause": Cause.PEER, "reason": f"{agent // 3}"}
-        model.fold(status_of(PLAN, agent, 30.0, **broken), 30.0)
-    assert [text for _, text in gather_alarms(alarms(model.view(30.0)))] == [
-        "agent 2: 0",
-        "agents 4-5: 1",
     ]
 
 
@@ -432,27 +378,6 @@ def test_in_file_links_are_as_long_as_the_file() -> None:
         far_m = (60.0, 37.4, -10.0)
         model.fold(state_of(plan, 6, 30.0, 1200, position_ned_m=far_m), 30.0)
         assert {alarm.name for alarm in alarms(model.view(30.0))} == found
-
-
-def test_waiting_is_said_with_its_reason() -> None:
-    model = Model(PLAN)
-    assert verdict(model.view(1.0), ()) == [(Level.WAITING, "waiting for agents 1-6")]
-    for agent in PLAN.agents:
-        reason = "no 3-D fix" if agent.id < 5 else "no heartbeat yet"
-        model.fold(status_of(PLAN, agent.id, 2.0, phase=Phase.PREPARE, step=0, reason=reason), 2.0)
-    assert verdict(model.view(2.0), ()) == [
-        (Level.WAITING, "agents 1-4: no 3-D fix"),
-        (Level.WAITING, "agents 5-6: no heartbeat yet"),
-    ]
-
-
-def test_the_end_is_told_by_the_agents_own_words() -> None:
-    model = Model(PLAN)
-    for agent in PLAN.agents:
-        model.fold(status_of(PLAN, agent.id, 90.0, phase=Phase.ENDED, outcome="completed"), 90.0)
-    assert verdict(model.view(120.0), ()) == [
-        (Level.WELL, "all agents have ended, and say: completed")
-    ]
 
 
 def test_measured_alarms_of_many_agents_are_counted() -> None:

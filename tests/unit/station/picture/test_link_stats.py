@@ -6,18 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.station.picture.link_stats import WINDOW_S, Receiver
-from swarm_ctl.station.picture.view import Reception
-
-
-def test_nothing_heard_is_nothing_known() -> None:
-    assert Receiver().report(5.0) == Reception()
-
-
-def test_age_is_time_since_receipt_plus_time_under_way() -> None:
-    receiver = Receiver()
-    receiver.hear(1, sent_s=10.0, received_s=10.02)
-    assert receiver.report(10.5).age_s == pytest.approx(0.5)
+from swarm_ctl.station.picture.link_stats import Receiver
 
 
 @pytest.mark.parametrize("sent_s", [10.5, -50.0])
@@ -98,13 +87,3 @@ def test_a_restarted_sender_begins_anew() -> None:
     assert receiver.hear(1, 50.0, 50.0)
     report = receiver.report(50.0)
     assert (report.restarts, report.lost, report.received) == (1, 0, 2)
-
-
-def test_the_window_empties_when_nobody_speaks() -> None:
-    receiver = Receiver()
-    for k in range(5):
-        receiver.hear(k, 0.05 * k, 0.05 * k)
-    silent = receiver.report(0.2 + WINDOW_S + 0.1)
-    assert silent.age_p99_s is None
-    assert silent.tick_rate_hz is None
-    assert silent.age_s == pytest.approx(WINDOW_S + 0.1)

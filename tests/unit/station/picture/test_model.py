@@ -74,24 +74,6 @@ def test_exchanged_slots_are_those_of_the_role() -> None:
     assert view.agent(1).target_m == pytest.approx((5 * HEXAGON[1][0], 5 * HEXAGON[1][1]))
 
 
-def test_there_is_no_formation_error_before_the_form_step() -> None:
-    model = Model(PLAN)
-    for agent in PLAN.agents:
-        model.fold(state_of(PLAN, agent.id, 1.0, step=1), 1.0)
-    assert model.view(1.0).error_m is None
-
-
-def test_nearest_and_edges_are_horizontal_distances() -> None:
-    view = flying_model(PLAN).view(30.0)
-    two = view.agent(2)
-    assert two.nearest_agent == 6
-    assert two.nearest_m == pytest.approx(5 * 8**0.5)
-    assert {(edge.a, edge.b) for edge in view.edges} == {(1, 2), (1, 3), (2, 6), (3, 5), (4, 5)}
-    assert next(e.length_m for e in view.edges if (e.a, e.b) == (3, 5)) == pytest.approx(
-        5 * 20**0.5
-    )
-
-
 def test_an_agent_is_lost_after_the_plans_time_and_no_longer_counts() -> None:
     plan = replace(PLAN, policies=Policies(agent_lost_after_s=3.0))
     model = flying_model(plan, 30.0)
@@ -107,12 +89,6 @@ def test_an_agent_is_lost_after_the_plans_time_and_no_longer_counts() -> None:
     ]
     slots = [slot for k, slot in enumerate(HEXAGON) if k != 4]
     assert view.error_m == pytest.approx(float(formation_error(kept, 5.0 * np.array(slots))))
-
-
-def test_an_agent_that_has_ended_is_not_lost() -> None:
-    model = flying_model(PLAN, 30.0)
-    model.fold(status_of(PLAN, 5, 30.5, phase=Phase.ENDED), 30.5)
-    assert not model.view(99.0).agent(5).lost
 
 
 def test_an_agent_restarted_after_its_end_can_be_lost_again() -> None:
@@ -169,21 +145,6 @@ def test_pairs_hold_both_sides_and_go_when_reports_stop() -> None:
     assert model.view(31.5).pairs == ()
 
 
-def test_an_empty_sigma_report_clears_a_pair_at_once() -> None:
-    model = flying_model(PLAN, 30.0)
-    for agent in (2, 6):
-        model.fold(SigmaReport(agent, 30.0, (0.0, 0.0), (0.0, 0.0), ()), 30.0)
-    assert model.view(30.0).pairs == ()
-
-
-def test_pairs_come_nearest_first() -> None:
-    model = flying_model(PLAN, 30.0)
-    model.fold(
-        SigmaReport(1, 30.0, (0.0, 0.0), (0.0, 0.0), (report_of(3, 1.4), report_of(2, 0.9))), 30.0
-    )
-    assert [(pair.a, pair.b) for pair in model.view(30.0).pairs] == [(1, 2), (2, 6), (1, 3)]
-
-
 def test_a_repeated_event_is_one_event() -> None:
     model = Model(PLAN)
     event = Event(3, 4.0, "warning", "vehicle: low battery")
@@ -213,20 +174,6 @@ def test_acks_belong_to_their_command_and_the_first_word_of_a_command_counts() -
     assert list(command.acks) == [2]
 
 
-def test_a_stranger_is_shown() -> None:
-    model = Model(PLAN)
-    model.fold(replace(state_of(PLAN, 1, 1.0), agent=42), 1.0)
-    view = model.view(1.0)
-    assert [agent.id for agent in view.agents if not agent.in_plan] == [42]
-    assert view.agent(42).error_m is None
-
-
-def test_links_are_what_receivers_report() -> None:
-    view = flying_model(PLAN).view(30.0)
-    assert len(view.links) == 30
-    assert all(link.receiver != link.sender and link.report.received == 400 for link in view.links)
-
-
 def test_strangers_fill_no_memory() -> None:
     """Thousands of agents that are in no plan, of stations, and of peers that a status makes up:
     those that are shown are few, and the plan's agents are all among them."""
@@ -249,25 +196,6 @@ def test_strangers_fill_no_memory() -> None:
     assert len(view.stations) <= 33
     assert all(set(key) <= set(range(1, 7)) for key in view.histories.links)
     assert all(set(key) <= set(range(1, 7)) for key in view.histories.pairs)
-
-
-@pytest.mark.parametrize("count", [0, 1, 7])
-def test_a_shape_for_another_number_of_agents_is_no_shape(count: int) -> None:
-    """Agents refuse it; a station must live on."""
-    model = flying_model(PLAN, 30.0)
-    before = model.view(30.0).error_m
-    step = FormStep("x", tuple((2.0 * k, 0.0) for k in range(count)), 1.0, 1.0, 60.0)
-    model.fold(Command("a", "form", (), 30.0, step), 30.0)
-    assert model.view(30.0).error_m == before
-
-
-def test_a_step_that_the_plan_has_not_is_not_believed() -> None:
-    """It is in no view: whatever looks the step up in the plan finds it."""
-    model = flying_model(PLAN)
-    before = model.view(30.0).step
-    model.fold(state_of(PLAN, 1, 30.1, step=255), 30.1)
-    model.fold(status_of(PLAN, 1, 30.1, step=255), 30.1)
-    assert model.view(30.1).step == before
 
 
 BOAT = TargetPlan("boat")
@@ -354,11 +282,6 @@ def test_each_group_that_flies_has_its_step_and_those_that_it_waits_for() -> Non
     assert (sweepers.waits_for, sweepers.waits_s) == ((), None)
     assert (rest.agents, rest.waits_for) == (REST, (*SCOUTS, *SWEEPERS))
     assert rest.waits_s == pytest.approx(12.0 + 1.0)
-
-
-def test_a_group_waits_for_its_own_who_are_not_done() -> None:
-    (group,) = grouped_model({i: (2, i != 7) for i in range(1, 13)}).view(60.0).groups
-    assert (group.name, group.waits_for) == ("all", (7,))
 
 
 def test_one_that_left_is_in_no_group_and_a_silent_one_is_named() -> None:
