@@ -24,6 +24,7 @@ from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.extensions.browser import BrowserMap, live_flight
 from swarm_ctl.extensions.browser.live_flight import LiveFlight, Version
 from swarm_ctl.station.picture.view import SwarmView
+from tests.on_demand import on_demand
 from tests.unit.chromium import chromium
 from tests.unit.station.pictures import PICTURES
 from tests.unit.station.swarm import hexagon_plan
@@ -89,16 +90,6 @@ def test_what_follows_joins_what_was_told() -> None:
         places(late), abs=0.011
     )
     assert len(places(late)) == 9
-
-
-def test_a_silent_agent_stands_where_it_was_heard_without_its_agent() -> None:
-    flight = LiveFlight(WELL.plan)
-    flight.take(PICTURES["lost"]())
-    told = flight.since(Version())
-    states = base64.b64decode(told["states"])
-    assert [states[k] for k in (1, 2)] == [3, 1]
-    assert told["now"]["level"] == "error"
-    assert told["now"]["verdict"].startswith("agent 3: not heard for")
 
 
 def test_a_clock_that_is_set_back_begins_anew() -> None:
@@ -237,7 +228,8 @@ def browser() -> Iterator[Any]:
 
 
 @pytest.mark.parametrize(
-    ("scheme", "width"), [("light", 1280), ("dark", 1280), ("light", 390), ("dark", 390)]
+    ("scheme", "width"),
+    [("light", 1280), ("dark", 390), on_demand("dark", 1280), on_demand("light", 390)],
 )
 def test_the_page_follows_in_chromium(
     browser: Any, live: BrowserMap, scheme: str, width: int

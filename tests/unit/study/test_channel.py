@@ -72,31 +72,6 @@ def others(n: int) -> Any:
     return ~np.eye(n, dtype=bool)
 
 
-def ages_s(batch: Batch, ticks: int) -> Any:
-    """How old news are, tick by tick (ticks, m, n, n)."""
-    flown, found = Flown(batch), []
-    for _ in range(ticks):
-        flown.hear(batch.starts)
-        found.append(flown.age * TICK_S)
-    return np.array(found)
-
-
-def test_a_state_is_late_by_its_delay_and_at_most_its_jitter() -> None:
-    age_s = ages_s(missions(delay_s=0.1, jitter_s=0.2), 100)[20:, 3][:, others(4)]
-    assert age_s.min() == pytest.approx(0.1)
-    assert age_s.max() <= 0.3 + 1e-9
-    assert len(np.unique(np.round(age_s / TICK_S))) > 2
-
-
-def test_each_agent_may_have_a_delay_of_its_own() -> None:
-    """By sender, in the same mission."""
-    batch = missions(delay_s="0:0.3", spread="agent")
-    age_s = ages_s(batch, 40)[-1]
-    want = np.broadcast_to(np.rint(batch.delay_s / TICK_S).T[:, None] * TICK_S, age_s.shape)
-    assert age_s[:, others(4)] == pytest.approx(want[:, others(4)])
-    assert (np.ptp(batch.delay_s, axis=0) > 0).all()
-
-
 @pytest.mark.parametrize(("loss", "burst_s"), [(0.2, 0.5), (0.05, 1.0), (0.6, 0.0), (0.3, 0.05)])
 def test_losses_come_in_bursts_and_keep_their_share(loss: float, burst_s: float) -> None:
     """The share that is asked for, and the mean length; without bursts that of single chances."""

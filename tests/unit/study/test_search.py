@@ -99,30 +99,6 @@ def test_the_rounds_spend_the_budget_and_get_worse(goal: Goal) -> None:
     assert found.badness == goal.badness(found.row)
 
 
-def test_what_is_worse() -> None:
-    """Nearer; not formed at all; a torn link that fits before the longest link."""
-    study = BARE.model_copy(update={"n": (2,), "limit_s": 1.0})
-    (row,) = next(flown([study.model_copy(update={"missions": 1})]))
-    pairs: list[tuple[Goal, Row, Row]] = [
-        (Goal.SMALLEST, {"smallest_units": 0.4}, {"smallest_units": 0.5}),
-        (Goal.SILENT, {"smallest_silent_units": 9.0}, {"smallest_silent_units": float("inf")}),
-        (Goal.SLOWEST, {"converged": 0, "time_s": 9.0}, {"converged": 1, "time_s": 99.0}),
-        (Goal.SLOWEST, {"converged": 1, "time_s": 9.0}, {"converged": 1, "time_s": 8.0}),
-        (Goal.LINK, {"kept_broken": 1}, {"kept_broken": 0, "longest_link_units": 50.0}),
-    ]
-    for goal, worse, better in pairs:
-        assert goal.badness(row | worse) > goal.badness(row | better)
-
-
-def test_the_rows_are_the_same_on_any_number_of_processes() -> None:
-    """And in the studies' order."""
-    studies = [
-        BARE.model_copy(update={"n": (n,), "limit_s": 1.0, "missions": 3, "seed": n})
-        for n in (2, 5, 3)
-    ]
-    assert list(fly_studies(studies, 2)) == list(flown(studies))
-
-
 def test_what_agents_believe_stays_when_ranges_get_narrow() -> None:
     """The middle of the whole true range, as in the study, not of the narrowed one."""
     believed = set[float]()

@@ -21,12 +21,12 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.study import executor
 from swarm_ctl.study.batch import batch as batch_module
-from swarm_ctl.study.batch.batch import Batch, blocks, connected, draw
+from swarm_ctl.study.batch.batch import Batch, blocks, draw
 from swarm_ctl.study.batch.batch_flight import fly
 from swarm_ctl.study.executor import run_study
 from swarm_ctl.study.parameter_space import LEVELS, Range, Study, value
 from swarm_ctl.study.rerun import Trace, rerun, write_mission
-from swarm_ctl.study.rows import COLUMNS, read_rows, rows_of
+from swarm_ctl.study.rows import read_rows
 from swarm_ctl.study.rows_table import exact_interval, quantile, tables
 
 SHORT: dict[str, Any] = {"missions": 40, "limit_s": 6.0, "seed": 5}
@@ -159,17 +159,6 @@ def test_a_row_flown_alone_is_the_row(
         rerun(path, 24)
 
 
-def test_rows_read_back_as_written(tmp_path: Path) -> None:
-    study = Study.model_validate(SHORT | {"missions": 6})
-    path = tmp_path / "rows.csv"
-    run_study(study, path, 1, silent())
-    ((cell, first, count),) = blocks(study)
-    batch = draw(cell, first, count)
-    written = rows_of(batch, fly(batch))
-    assert list(read_rows(path)) == written
-    assert tuple(written[0]) == COLUMNS
-
-
 def test_a_row_becomes_a_mission_that_loads(tmp_path: Path) -> None:
     """The mission file has the row's starts and slots."""
     study = Study.model_validate(SHORT | {"missions": 3})
@@ -223,25 +212,6 @@ def test_an_area_too_small_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(batch_module, "_TRIES", 20)
     with pytest.raises(InputError, match="area 1: found no 6 starts"):
         only_batch(area=value(1.0))
-
-
-def test_connected_against_the_graph_module() -> None:
-    random = np.random.default_rng(2)
-    links = random.random((7, 7, 200)) < 0.15
-    links |= links.transpose(1, 0, 2)
-    want = [_in_one_part(links[..., k] & ~np.eye(7, dtype=bool)) for k in range(200)]
-    assert connected(links).tolist() == want
-    assert 20 < sum(want) < 180
-
-
-def test_slots_are_the_shape_in_some_order() -> None:
-    """All distances between slots are those of the regular hexagon, whichever agent has which."""
-    for slots in ("given", "random", "nearest"):
-        batch = only_batch(slots=(slots,))
-        for k in range(5):
-            z = batch.slots[..., k].T
-            apart = np.sort(np.linalg.norm(z[:, None] - z[None], axis=-1)[np.triu_indices(6, 1)])
-            assert apart == pytest.approx([2.0] * 6 + [2 * 3**0.5] * 6 + [4.0] * 3)
 
 
 def test_outcomes_by_their_definition() -> None:
@@ -336,13 +306,6 @@ def test_impossible_studies_are_refused(wrong: dict[str, Any], text: str) -> Non
         Study.model_validate(SHORT | wrong)
 
 
-def test_wind_moves_firmwares() -> None:
-    """A plain law in wind stands off: the wind reaches the vehicles."""
-    settings: dict[str, Any] = {"vehicle": ("ardupilot",), "missions": 8, "limit_s": 3.0}
-    still, windy = (fly(only_batch(**settings, wind_mps=value(w))) for w in (0.0, 8.0))
-    assert np.abs(still.error - windy.error).max() > 1e-3
-
-
 def test_exact_interval_against_known_values() -> None:
     """Those of scipy's `beta.ppf`, also of many missions and of nearly all."""
     assert exact_interval(1, 10) == pytest.approx((0.0025286, 0.4450161), abs=1e-7)
@@ -363,14 +326,6 @@ def test_the_interval_of_a_median_holds_it_as_often_as_it_says() -> None:
     assert 940 <= held <= 985
     assert quantile([1.0, 2.0, 3.0], 95) == "2.9 (2.0 to -)"
     assert quantile([], 50) == "-"
-
-
-def test_the_table_counts(tmp_path: Path) -> None:
-    study = Study.model_validate(SHORT | {"n": (3, 4), "missions": 5})
-    run_study(study, tmp_path / "rows.csv", 1, silent())
-    (found,) = tables(study, read_rows(tmp_path / "rows.csv"))
-    assert table_rows(found)["n"] == ["3", "4"]
-    assert table_rows(found)["missions"] == ["5", "5"]
 
 
 def test_tables_fit_the_terminal(tmp_path: Path) -> None:

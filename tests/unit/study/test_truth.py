@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.plan import Response
 from swarm_ctl.study.batch.batch import Batch, blocks, draw
 from swarm_ctl.study.batch.batch_flight import fly
-from swarm_ctl.study.batch.missions import setup_of
 from swarm_ctl.study.parameter_space import AGENT_RANGES, Range, Study, value
-from swarm_ctl.study.rows import rows_of
 from tests.unit.study.flown import Flown
 
 UNEQUAL: dict[str, Any] = {
@@ -49,14 +45,6 @@ def test_vehicles_of_a_mission_are_alike_or_each_is_its_own() -> None:
         assert np.ptp(each) > 0.9 * (span.high - span.low)
     assert (alike.starts == own.starts).all()
     assert (alike.slots == own.slots).all()
-
-
-def test_a_row_has_the_ends_of_what_its_vehicles_do() -> None:
-    batch = missions(spread=("agent",))
-    for k, row in enumerate(rows_of(batch, fly(batch))):
-        for name in AGENT_RANGES:
-            each = getattr(batch, name)[:, k]
-            assert (row[f"least_{name}"], row[f"most_{name}"]) == (each.min(), each.max())
 
 
 def test_each_vehicle_answers_as_it_is() -> None:
@@ -108,11 +96,6 @@ def test_the_agents_believe_what_they_are_told() -> None:
     assert (points[0] != points[1]).any()
 
 
-def test_the_filters_margins_are_those_of_the_model() -> None:
-    slow, quick = (setup_of(missions(model_lag_s=(lag_s,))) for lag_s in (1.0, 0.2))
-    assert slow.margins.slow < quick.margins.slow
-
-
 @pytest.mark.parametrize("vehicle", ["lag", "px4"])
 def test_all_vehicles_may_answer_later_than_their_agents_know(vehicle: str) -> None:
     """By so many ticks, and the model stays."""
@@ -127,27 +110,6 @@ def test_all_vehicles_may_answer_later_than_their_agents_know(vehicle: str) -> N
         tracks.append([flown.agent["place_m"].copy() for flown in both])
     for tick in range(6, 40):
         assert tracks[tick][1] == pytest.approx(tracks[tick - 6][0], abs=1e-12)
-
-
-@pytest.mark.parametrize("vehicle", ["ardupilot", "px4"])
-def test_a_firmware_flies_with_any_model(vehicle: str) -> None:
-    """Not given, it is the typical one; what is given replaces its part."""
-    typical = missions(vehicle=(vehicle,)).cell.model
-    assert typical == AUTOPILOT_KINDS[vehicle].response
-    assert missions(vehicle=(vehicle,), model_dead_time_s=(0.7,)).cell.model == replace(
-        typical, dead_time_s=0.7
-    )
-
-
-def test_a_study_over_speeds_is_one_study() -> None:
-    """The agents' speed limit is the cell's."""
-    study = Study.model_validate(UNEQUAL | {"speed_mps": (2.0, 5.0), "limit_s": 4.0})
-    for cell, first, count in blocks(study):
-        flown = Flown(draw(cell, first, count))
-        for _ in range(80):
-            flown.steer(9.0 + 9.0j)
-        fastest = np.abs(flown.agent["velocity_mps"]).max()
-        assert fastest == pytest.approx(cell.speed_mps, rel=0.02)
 
 
 def test_a_model_of_no_lag_is_refused() -> None:

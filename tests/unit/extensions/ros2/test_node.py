@@ -135,14 +135,6 @@ def test_a_node_sees_others_come_and_go_and_ends_single_topics(router: int, sdk:
     made.close()
 
 
-def test_a_node_without_a_router_has_no_link() -> None:
-    (port,) = free_ports(1, socket.SOCK_STREAM)
-    made = Ros2Node(DOMAIN, "swarm_ctl", None, at(port))
-    assert made.where == f"tcp/127.0.0.1:{port}"
-    assert not made.linked()
-    made.close()
-
-
 def test_a_client_by_others_calls_a_service(router: int, node: Ros2Node, sdk: Any) -> None:
     node.serve("/swarm/hold", lambda r: r.answer(True, f"{r.service}: accepted by agents 1-6"))
     asking = sdk.ROS2ServiceClient(

@@ -143,14 +143,6 @@ def test_a_state_is_told_as_it_comes(flight: Flight) -> None:
     assert not flight.graph.told
 
 
-def test_a_picture_is_told_with_fixes_and_now_and_then_diagnoses(flight: Flight) -> None:
-    flight.swarm.take(PICTURES["well"]())
-    fixes = {f"/drone_{i}/fix": 1 for i in IDS}
-    assert flight.graph.topics() == fixes | {"/swarm/markers": 1, "/diagnostics": 1}
-    flight.swarm.take(PICTURES["well"]())
-    assert flight.graph.topics() == fixes | {"/swarm/markers": 1}
-
-
 def test_that_no_router_answers_is_said_once(
     flight: Flight, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -163,11 +155,6 @@ def test_that_no_router_answers_is_said_once(
         flight.swarm.take(PICTURES["well"]())
     (words,) = flight.desk.told
     assert words.startswith("ROS 2 hears nothing yet: no router answers at tcp/localhost:7447")
-
-
-def test_no_fix_is_told_of_a_drone_that_is_silent(flight: Flight) -> None:
-    flight.swarm.take(PICTURES["lost"]())
-    assert "/drone_3/fix" not in flight.graph.topics()
 
 
 def test_on_the_wall_clock_a_stamp_is_unix_time(
@@ -318,27 +305,6 @@ def test_keys_of_another_swarm_are_refused(tmp_path: Path, monkeypatch: pytest.M
         Ros2(word, Desk())
 
 
-def test_an_agent_tells_its_drone_alone_and_serves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Under the station's names. What it sees at its drone stands beside what the station sees."""
-    flight = Flight(monkeypatch, Desk(agent=3), "5")
-    assert flight.graph.name == "swarm_ctl_drone_3"
-    assert not flight.graph.served
-    flight.tell(2, 5.0)
-    assert not flight.graph.told
-    flight.tell(3, 5.0)
-    assert flight.graph.topics() == {"/drone_3/pose": 1, "/drone_3/odom": 1, "/tf": 1}
-    flight.swarm.take(PICTURES["well"]())
-    told = dict(flight.graph.told)
-    assert told.keys() == {"/drone_3/fix", "/swarm/markers", "/diagnostics"}
-    assert {(m.ns, m.id) for m in told["/swarm/markers"].markers} == {
-        (name, 3) for name in ("drones", "keep_out", "names", "slots")
-    }
-    (status,) = told["/diagnostics"].status
-    assert (status.name, status.hardware_id) == ("swarm_ctl: agent 3", "drone_3")
-    assert not flight.desk.told
-    flight.swarm.close()
-
-
 def test_a_station_leaves_a_drone_to_its_own_agent_while_that_is_there(flight: Flight) -> None:
     flight.graph.there = {"swarm_ctl_drone_3", "rviz"}
     for agent in IDS:
@@ -358,27 +324,6 @@ def test_a_station_leaves_a_drone_to_its_own_agent_while_that_is_there(flight: F
     assert "/drone_3/odom" in flight.graph.topics()
 
 
-@pytest.mark.parametrize(
-    ("agent", "there", "tells"),
-    [
-        (None, {"swarm_ctl_drone_1"}, True),
-        (3, set[str](), True),
-        (3, {"swarm_ctl_drone_4"}, True),
-        (3, {"swarm_ctl"}, False),
-        (3, {"swarm_ctl_drone_1"}, False),
-    ],
-)
-def test_one_node_tells_simulated_time(
-    agent: int | None, there: set[str], tells: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    desk = Desk(agent=agent)
-    desk.speedup = 5.0
-    flight = Flight(monkeypatch, desk, "5")
-    flight.graph.there = there
-    flight.tell(3, 5.0)
-    assert ("/clock" in flight.graph.topics()) is tells
-
-
 @pytest.mark.parametrize("plan", [PLAN, groups_mission().plan], ids=["hexagon", "groups"])
 def test_each_service_is_an_order_of_the_mission(plan: Plan) -> None:
     """None that an operator has to confirm because a vehicle falls or is no longer listened to."""
@@ -389,11 +334,6 @@ def test_each_service_is_an_order_of_the_mission(plan: Plan) -> None:
     assert all(re.fullmatch(r"(/[a-z][a-z0-9_]*)+", name) for name in found)
     for agent in plan.agents:
         assert found[f"/drone_{agent.id}/return"] == f"return @{agent.id}"
-
-
-def test_a_group_has_services_of_its_own() -> None:
-    found = services(groups_mission().plan)
-    assert found["/group_scouts/hold"] == "hold @scouts"
 
 
 def test_names_that_become_one_in_ros_stay_apart() -> None:

@@ -16,8 +16,7 @@ from swarm_ctl.core.model.messages import AgentState, Event, Outcome, Payload, S
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import RECORDING
 from swarm_ctl.recording.mcap_recorder import McapRecorder
-from swarm_ctl.report.page.drawing import save
-from swarm_ctl.report.page.figures import FIGURES, overlay
+from swarm_ctl.report.page.figures import FIGURES
 from swarm_ctl.report.page.html_page import PAGE, comparison_table, make_comparison, make_report
 from swarm_ctl.report.page.run_history import read_history
 from tests.unit.plans import steps_of
@@ -240,13 +239,6 @@ def test_the_numbers_behind_the_figures(run: Path) -> None:
     assert np.ptp(errors[stands], axis=1).max() < 1e-6
     assert all(isinstance(s, AgentState) for s in history.heard.states[3])
     assert history.heard.sigmas[4, 5] == [(25.0, 1.2, 0.36)]
-
-
-def test_runs_without_truth_are_compared(run: Path) -> None:
-    """Neither distances nor errors are known: their figure is drawn, and empty."""
-    (run / "truth.jsonl").unlink()
-    (path, _) = save(overlay([read_history(run)] * 2), run, "both")
-    assert path.stat().st_size > 1000
 
 
 def test_compare_needs_two_and_shows_both(run: Path, tmp_path: Path) -> None:

@@ -95,15 +95,6 @@ def test_what_was_authenticated_is_said(
     assert told in text if told else "protection" not in text
 
 
-def test_broken_bounds_are_said_in_words(summary: Summary) -> None:
-    near = summary.model_copy(update={"min_true_distance_m": 2.4, "longest_link_m": 22.6})
-    text = _shown(near)
-    assert [name for name, _, good in opening_of(near) if not good] == ["smallest true distance"]
-    assert "BREAKS r_in 2.50 m" in text
-    assert "over r 22.50 m" in text
-    assert "BREAKS r 22" not in text
-
-
 def _brief(summary: Summary, width: int = 80) -> str:
     console = Console(file=io.StringIO(), width=width, record=True, force_terminal=True)
     console.print(brief(summary))
@@ -159,21 +150,6 @@ def test_what_was_ended_before_take_off_is_told_in_one_line(summary: Summary) ->
     assert text.rstrip() == "hexagon: ABORTED: Ctrl-C before take-off"
 
 
-def test_steps_are_counted_as_on_the_screens(summary: Summary) -> None:
-    """Without the preparation, which is none of the mission's. Agents that all did as the step says
-    are not listed."""
-    prepare, takeoff, form, *rest = summary.steps
-    rest = [s.model_copy(update={"result": StepVerdict.NOT_REACHED}) for s in rest]
-    alike = dict.fromkeys(range(1, 7), StepVerdict.ABORTED)
-    form = form.model_copy(update={"result": StepVerdict.ABORTED, "exceptions": alike})
-    undone = {"outcome": Outcome.ABORTED, "steps": (prepare, takeoff, form, *rest)}
-    words = "steps: 1 of 4 done; 2 form hexagon aborted; not reached: 3-4"
-    assert words in _brief(summary.model_copy(update=undone))
-    one = form.model_copy(update={"exceptions": {4: StepVerdict.ABORTED}})
-    undone["steps"] = (prepare, takeoff, one, *rest)
-    assert "2 form hexagon aborted (4 aborted)" in _brief(summary.model_copy(update=undone))
-
-
 def test_that_a_killed_agent_left_nothing_is_told_once(tmp_path: Path) -> None:
     run = write_run(tmp_path)
     (run / "agents/4.json").unlink()
@@ -182,15 +158,6 @@ def test_that_a_killed_agent_left_nothing_is_told_once(tmp_path: Path) -> None:
     assert "agent-4 -9" in text
     assert "account" not in text
     assert "left no account" in _brief(summarise(run, EXIT_CODES | {"agent-4": 0}), 200)
-
-
-def test_each_form_step_has_its_own_time_to_form(summary: Summary) -> None:
-    form = next(step for step in summary.steps if step.time_to_form_s is not None)
-    late = form.model_copy(update={"step": 9, "name": "form vee", "time_to_form_s": 12.13})
-    both = summary.model_copy(update={"steps": (*summary.steps, late), "time_to_form_s": 0.0})
-    told = f"hexagon {form.time_to_form_s:.1f} s, vee 12.1 s"
-    assert f"time to form {told}" in " ".join(_shown(both).split())
-    assert "form vee 12.1 s" in _brief(both)
 
 
 def test_a_failure_says_why_and_what_is_missing(tmp_path: Path) -> None:
@@ -202,12 +169,6 @@ def test_a_failure_says_why_and_what_is_missing(tmp_path: Path) -> None:
     assert "agent 4: [red]no?[2J position[/]" in text
     assert "agent-4 1" in text
     assert "\x1b" not in text
-
-
-def test_the_summary_of_nothing_can_be_shown(tmp_path: Path) -> None:
-    text = _shown(summarise(tmp_path))
-    assert "failed: " in text
-    assert "no agent is known" in text
 
 
 def test_an_own_law_is_named(summary: Summary) -> None:
