@@ -6,7 +6,7 @@ import importlib
 import io
 import re
 import sys
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,10 +24,8 @@ from swarm_ctl.mission.compile.loader import load, loads
 from swarm_ctl.study.batch import batch_flight
 from swarm_ctl.study.batch.batch import Batch, draw
 from swarm_ctl.study.batch.batch_flight import BatchResult, fly
-from swarm_ctl.study.batch.compiled import interpreted
-from swarm_ctl.study.executor import prepare, run_study
+from swarm_ctl.study.executor import prepare
 from swarm_ctl.study.parameter_space import Study
-from swarm_ctl.study.rerun import rerun, write_mission
 from tests.scenarios.swarm import VirtualSwarm
 from tests.scenarios.test_steps import FORM, TEXT, THIRD, shape_error_m
 from tests.scenarios.test_tuning import Desk
@@ -95,34 +93,6 @@ def studied(name: str, **given: float) -> BatchResult:
     return fly(batch_of(name, **given))
 
 
-def alike(one: BatchResult, other: BatchResult) -> None:
-    for field in fields(BatchResult):
-        ours, theirs = getattr(one, field.name), getattr(other, field.name)
-        assert np.allclose(ours, theirs, rtol=0.0, atol=1e-6, equal_nan=True), field.name
-
-
-def test_a_study_flies_it_with_its_numbers() -> None:
-    """Its missions form, apart, and are not those of the paper's law, nor of another number."""
-    own, slow, papers = studied("plain"), studied("plain", rate=0.5), studied("paper")
-    assert own.converged.all()
-    assert (own.smallest > 0.5).all()
-    assert own.statuses.sum() == 0
-    assert own.time_s.mean() < slow.time_s.mean()
-    assert not np.allclose(own.time_s, papers.time_s)
-
-
-def test_compiled_or_called_a_study_flies_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A law that numba takes is compiled. One that it does not take is called, as the same
-    mathematics."""
-    pytest.importorskip("numba")
-    assert not interpreted(own_law("plain").law)
-    assert interpreted(own_law("loose").law)
-    whole = studied("plain")
-    alike(whole, studied("loose"))
-    monkeypatch.setattr(batch_flight, "interpreted", lambda _: True)
-    alike(whole, studied("plain"))
-
-
 def test_a_forecast_a_study_and_agents_tell_a_law_the_same_rows(folder: Path) -> None:
     """Of one place of the swarm: the receiver, its neighbours with their slots, its own numbers;
     never an array, never other leading axes."""
@@ -170,14 +140,6 @@ def test_a_study_says_which_law_is_slow_and_why() -> None:
     said = told.getvalue()
     assert "law 'loose' is not compiled, so its missions take tens of times as long: " in said
     assert re.search(r"as long: No implementation of function .*setitem.* \(loose.py:\d+\)\n", said)
-
-
-def test_a_row_becomes_a_mission_with_its_law_and_numbers(tmp_path: Path) -> None:
-    law = {"own": "plain", "parameters": {"rate": 1.5}}
-    study = Study.model_validate({"missions": 2, "n": 3, "law": law, "limit_s": 5.0})
-    run_study(study, tmp_path / "rows.csv", 1, Console(file=io.StringIO()))
-    write_mission(rerun(tmp_path / "rows.csv", 1), tmp_path / "row.yaml")
-    assert load(tmp_path / "row.yaml").plan.law.parameters == study.law.parameters
 
 
 def test_agents_fly_it() -> None:

@@ -104,10 +104,12 @@ def test_what_run_refuses_is_refused(swarm: Fly, tmp_path: Path) -> None:
         swarm(again)
 
 
+@pytest.mark.long
 @pytest.mark.lockstep
 @pytest.mark.timeout(120)
 def test_a_scenario_that_a_test_flies_twice(tmp_path: Path) -> None:
-    """The mission stands in the scenario: a test's processes leave the virtual truth."""
+    """The mission stands in the scenario: a test's processes leave the virtual truth, as those of
+    `run` do (`test_as_processes.py`)."""
     inline = yaml.safe_load(SCENARIO) | {"mission": yaml.safe_load(LOW.read_text())}
     scenario, mission = scenario_of(yaml.safe_dump(inline))
     one = VirtualFlight(mission, scenario=scenario).finish()

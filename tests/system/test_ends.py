@@ -66,13 +66,13 @@ def end(cwd: Path, number: signal.Signals, after_s: float) -> str:
 
 
 @pytest.mark.parametrize("number", SAYS, ids=lambda number: number.name)
-@pytest.mark.parametrize("moments", [3, on_demand(100)])
+@pytest.mark.parametrize("moments", [1, on_demand(100)])
 def test_a_run_ends_in_order_at_any_moment(
     number: signal.Signals, moments: int, tmp_path: Path
 ) -> None:
     """From the interpreter's start to the flight: all vehicles land, or none took off, and the
     verdict says who ended it."""
-    draws = random.Random(f"{number.name} {moments}")
+    draws = random.Random(f"{number.name} {moments}")  # of one: 0.5, 1.7 and 3.1 s
     found: Counter[str] = Counter()
     bad: list[str] = []
     for k in range(moments):
@@ -93,7 +93,9 @@ with swarm_ctl.fly(sys.argv[1], speedup=2) as swarm:
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "number", [on_demand(signal.SIGTERM), on_demand(signal.SIGHUP), signal.SIGKILL]
+)
 def test_the_swarm_of_a_program_that_is_gone_lands(number: signal.Signals, tmp_path: Path) -> None:
     """Python ends at once by these; `run`, which has lost its starter, lands the swarm."""
     program = subprocess.Popen(

@@ -61,20 +61,6 @@ def test_agent_killed(tmp_path: Path, step: int) -> None:
         assert_apart(running.folder)
 
 
-def test_station_killed(tmp_path: Path) -> None:
-    """The mission's policy (land): the agents come down, `run` writes the summary."""
-    with Running(*LOCKSTEP, cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 3)
-        running.kill("station")
-        assert running.wait() == 1, running.output
-        running.assert_nothing_left()
-        assert running.summary()["outcome"] == "failed"
-        assert "station" in running.summary()["reason"]
-        assert "the mission's policy without one: land after 5 s" in running.output
-        assert_truth_ends_on_the_ground(running.folder)
-        assert_apart(running.folder)
-
-
 def test_simulator_killed(tmp_path: Path) -> None:
     """The vehicles are gone: every agent ends, the truth up to then is there, the run failed."""
     with Running(*LOCKSTEP, cwd=tmp_path) as running:
