@@ -68,17 +68,6 @@ def test_they_fly_as_with_one_clock() -> None:
             )
 
 
-def test_a_start_takes_no_longer() -> None:
-    """No agent waits for the clocks: the first words go round while the vehicles are looked at,
-    whose reports come every half second."""
-    began = []
-    for clocks in ({}, CLOCKS):
-        swarm = VirtualSwarm(mission(rate_hz=10), clocks=clocks)
-        swarm.wait(lambda s: s.in_step(1), 60)
-        began.append(swarm.now)
-    assert began[1] <= began[0] + 0.5
-
-
 @pytest.mark.parametrize(
     ("clocks", "why"),
     [
@@ -177,9 +166,3 @@ def test_one_that_was_stopped_takes_no_dead_peer_for_heard() -> None:
     assert peer(swarm, 1, 3).age(now) == pytest.approx(8.0, abs=0.2)
     assert peer(swarm, 1, 2).age(now) < 0.15
     assert [state.agent for state in swarm.members[1].agent._peers.snapshot(now).fresh()] == [2, 4]
-
-
-def test_only_what_has_to_be_timed_is() -> None:
-    """A message timed on arrival costs a wake-up of its own: not for what comes twenty times a
-    second."""
-    assert [channel.name for channel in keys.CHANNELS if channel.qos.timed] == ["clock"]

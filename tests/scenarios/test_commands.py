@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from tests.on_demand import on_demand
@@ -95,17 +94,6 @@ def test_next_ends_the_step_once(holding: VirtualSwarm) -> None:
     assert [step.result for step in status.steps][-2:] == ["skipped", "running"]
     holding.fly(900)
     assert_good(holding)
-
-
-def test_land_outweighs_return(holding: VirtualSwarm) -> None:
-    """On the way back, the operator can still make them land where they are."""
-    give(holding, "return")
-    holding.run(5)
-    give(holding, "land")
-    holding.run(3)
-    assert holding.phases() == {Phase.LAND}
-    holding.fly(900)
-    assert holding.all_down
 
 
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])

@@ -75,20 +75,6 @@ def test_later_steps_go_by_the_roles() -> None:
     assert_good(swarm)
 
 
-def test_an_agent_that_is_restarted_takes_its_role_up_again() -> None:
-    """The new process finds the role that no peer has, not its own first one."""
-    swarm = exchanged(3)
-    swarm.run(2)
-    swarm.kill(2)
-    swarm.run(1.5)
-    swarm.restart(2)
-    swarm.wait(lambda s: s.in_step(4))
-    assert sorted(roles(swarm)) == [0, 1, 2, 3] != roles(swarm)
-    assert shape_error_m(swarm, 3) < 0.6
-    swarm.fly(600)
-    assert_good(swarm)
-
-
 def test_an_operators_shape_knows_no_roles() -> None:
     """`form` gives every agent its own slot; afterwards the mission goes on with its roles."""
     swarm = exchanged(2)

@@ -6,8 +6,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from swarm_ctl.core.law.formation import formation_error
-from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryTransport
 from swarm_ctl.mesh.node import Node
@@ -17,7 +15,6 @@ from swarm_ctl.mission.compile.plan_file import plan_from_json, plan_to_json
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.virtual.scenario import Scenario
 from swarm_ctl.virtual.scenario_flight import ScenarioFlight
-from tests.scenarios.swarm import VirtualSwarm, landing_fast
 
 TEXT = """\
 version: 1
@@ -69,37 +66,6 @@ def two_groups() -> LoadedMission:
     groups = [replace(part.plan.groups[0], name=name) for name, part in parts.items()]
     whole = mission(SEARCH, ONE + OTHER)
     return replace(whole, plan=replace(whole.plan, groups=tuple(groups)))
-
-
-def test_two_groups_fly_their_own_steps_and_keep_apart() -> None:
-    """The searchers are down while the watchers still hold; nobody comes under r_in."""
-    swarm = landing_fast(VirtualSwarm(two_groups()))
-
-    def ended(ids: tuple[int, ...]) -> bool:
-        return ids == tuple(i for i in ids if i in swarm.outcomes())
-
-    swarm.wait(lambda _: ended(ONE))
-    assert not any(i in swarm.outcomes() for i in OTHER)
-    at = swarm.positions()
-    shape = swarm.plan.group_of(4).steps[1].new_shape
-    assert shape is not None
-    assert formation_error([at[i] for i in OTHER], shape.slots) < 0.5
-    assert max(at[i][0] for i in ONE) < -15.0
-    swarm.fly()
-    assert set(swarm.outcomes().values()) == {"completed"}
-    assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
-    assert swarm.all_down
-
-
-def test_a_group_waits_for_its_members_alone() -> None:
-    """An agent that dies stops its own group, and not the other."""
-    swarm = landing_fast(VirtualSwarm(two_groups()))
-    swarm.wait(lambda s: s.phases() == {Phase.FLY})
-    swarm.kill(6)
-    swarm.fly()
-    outcomes = swarm.outcomes()
-    assert {outcomes[i] for i in ONE} == {"completed"}
-    assert {outcomes[i] for i in (4, 5)} == {"failed"}
 
 
 def test_a_station_and_the_verdict_go_by_each_groups_own_steps() -> None:

@@ -71,23 +71,6 @@ def test_mixed_personas(hexagon: LoadedMission) -> None:
         assert member.goals == ["StandbyGoal", "AirborneGoal", "FlyGoal", "LandGoal", "ReleaseGoal"]
 
 
-@pytest.mark.parametrize("step", [FORM, LAND, on_demand(TAKEOFF), on_demand(HOLD)])
-def test_an_agent_dies(hexagon: LoadedMission, step: int) -> None:
-    """In every step, the landing too: the dead agent's vehicle lands by its own failsafe; the
-    others hold, land, and report that the mission failed. `test_preparation_times_out`: before."""
-    swarm = at_step(hexagon, step, as_delivered=step == LAND)
-    swarm.run(1.5)
-    swarm.kill(3)
-    swarm.fly(400)
-    # the dead agent's vehicle needs its GCS failsafe's time, then lands
-    swarm.wait(lambda s: s.all_down, swarm.now + 75)
-    outcomes = swarm.outcomes()
-    assert set(outcomes) == {1, 2, 4, 5, 6}
-    assert set(outcomes.values()) == {"failed"}
-    assert "agent 3 has not been heard" in texts(swarm)
-    assert_safe(swarm)
-
-
 @pytest.mark.parametrize("step", [0, FORM, on_demand(TAKEOFF), on_demand(HOLD)])
 def test_told_to_end(hexagon: LoadedMission, step: int) -> None:
     """When `run` is gone, agents land (or end at once where nothing flies yet)."""
@@ -100,30 +83,6 @@ def test_told_to_end(hexagon: LoadedMission, step: int) -> None:
     assert swarm.all_down
     if step == 0:
         assert swarm.now - start < 5
-
-
-def test_operator_lands_the_swarm(hexagon: LoadedMission) -> None:
-    """`land` is acknowledged by each agent, twice if sent twice, acted on once."""
-    swarm = at_step(hexagon, FORM)
-    swarm.run(5)
-    swarm.command("land")
-    swarm.tick()
-    swarm.command("land")
-    swarm.fly(400)
-    assert [(a.agent, a.accepted) for a in swarm.acks] == [(i, True) for i in range(1, 7)] * 2
-    assert set(swarm.outcomes().values()) == {"aborted"}
-    assert texts(swarm).count("the operator commands") == 6
-    assert_safe(swarm)
-
-
-def test_unknown_command_is_refused(hexagon: LoadedMission) -> None:
-    """With a reason, and nothing happens."""
-    swarm = at_step(hexagon, FORM)
-    swarm.command("loop the loop")
-    swarm.run(0.25)
-    assert all(not ack.accepted and "allowed: hold, resume" in ack.reason for ack in swarm.acks)
-    assert len(swarm.acks) == 6
-    assert swarm.in_step(FORM)
 
 
 def test_simulator_gone(hexagon: LoadedMission) -> None:

@@ -135,19 +135,6 @@ def test_a_loss_is_its_own_groups_until_the_others_wait_for_it() -> None:
     assert swarm.closest_m > 2.5
 
 
-def test_by_continue_all_go_on_without_the_lost() -> None:
-    """Both agents of a group die: those of the other pass the barrier, and four form the row with
-    the places of the two left free."""
-    swarm = at_step(parted(policy="continue"), SPLIT)
-    for agent in WEST:
-        swarm.kill(agent)
-    last = swarm.plan.groups[-1].before + 1
-    swarm.wait(lambda s: s.in_step(last + 1))
-    assert shape_error_m(swarm, (*EAST, *REST)) < 0.5
-    swarm.fly()
-    assert {swarm.outcomes()[i] for i in (*EAST, *REST)} == {Outcome.COMPLETED}
-
-
 def test_a_group_that_returns_is_waited_for_by_none() -> None:
     """It flies home and completes; the others go on as one, without its places."""
     swarm = at_step(parted(HOME), SPLIT)

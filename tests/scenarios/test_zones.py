@@ -21,8 +21,6 @@ from swarm_ctl.core.safety.surroundings import Surroundings
 from swarm_ctl.core.swarm.gain_update import planned
 from swarm_ctl.fuzz.invariants import broken
 from swarm_ctl.mesh import keys
-from swarm_ctl.mesh.memory_transport import MemoryTransport
-from swarm_ctl.mesh.node import Node
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from swarm_ctl.virtual.scenario import scenario_of
 from swarm_ctl.virtual.scenario_flight import fly_scenario
@@ -329,17 +327,6 @@ def test_an_agent_that_is_restarted_takes_up_the_zones_of_its_peers(heard_late: 
     assert least > 1.25
     tags = {member.agent._command_handler.gain_update.tag for member in swarm.members.values()}
     assert len(tags) == 1
-
-
-def test_agents_of_one_law_tell_nobody() -> None:
-    """An update that all have been asked about makes no words of law."""
-    swarm = landing_fast(VirtualSwarm(loads(HEAD + STEPS)))
-    listener = Node(MemoryTransport(swarm.mesh), "test", "listener")
-    listener.listen(keys.LAW)
-    swarm.wait(lambda s: s.in_step(3))
-    ordered(swarm, "zone add pond circle 70 5 6")
-    swarm.run(8.0)
-    assert not listener.take(keys.LAW)
 
 
 def torn_m(swarm: VirtualSwarm) -> float:

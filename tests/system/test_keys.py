@@ -3,7 +3,6 @@ all at once, at 80x24 and wide."""
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Final
 import pytest
 
 from swarm_ctl.commands.parse import KINDS
-from tests.system.running import HEXAGON, ROOT
+from tests.system.running import ROOT
 from tests.system.terminal import Terminal, needs_tmux
 
 pytestmark = [pytest.mark.timeout(300), needs_tmux]
@@ -186,64 +185,3 @@ def test_what_is_no_order_orders_nothing(
         terminal.press("Enter")
         code, _ = terminal.wait_for_end()
         assert (code, desk.orders) == (0, [])
-
-
-IN_FLIGHT: Final = (
-    (("h",), "hold"),
-    (("r",), "resume"),
-    (("f", "h", "Tab", "Enter"), "form"),
-    (("r",), "resume"),
-    (("m", *"20", "Space", *"10", "Enter"), "move"),
-    (("u", *"h=0.04", "Enter"), "tune"),
-    ((":", *"tune", "Space", *"plan", "Enter"), "tune"),
-    (("n",), "next"),
-    (("l", "Escape"), ""),
-    (("b", "y"), ""),
-    ((":", "l", "Tab", "Enter"), ""),
-    (("f", "l", "Tab", "Enter"), ""),
-)
-"""Keys in flight, and what agents are commanded by them; '' for nothing."""
-
-
-@pytest.mark.long
-@EACH
-def test_in_flight(tmp_path: Path, size: tuple[int, int], slowly: bool) -> None:
-    """Each key and each command over a swarm that flies; then one agent is killed, and the others
-    land."""
-    with Terminal("run", HEXAGON, cwd=tmp_path, size=size) as terminal:
-
-        def press(*keys: str) -> None:
-            for some in [(key,) for key in keys] if slowly else [keys]:
-                terminal.press(*some)
-                time.sleep(_KEY_S if slowly else 0.0)
-
-        terminal.wait_for("step 2/4")
-        given: list[str] = []
-        for keys, kind in IN_FLIGHT:
-            press(*keys)
-            given += [kind] if kind else []
-            _wait_for_commands(tmp_path, given)
-        for keys, words, kind in (
-            ((":", *"kill", "Space", *"@3", "Enter"), "kill agent 3: its motors stop", "kill"),
-            (("l",), "land agents 1-6: they land where they are", "land"),
-        ):
-            press(*keys)
-            terminal.wait_for(words)
-            _wait_for_commands(tmp_path, given)
-            terminal.press("Enter")
-            given.append(kind)
-            _wait_for_commands(tmp_path, given)
-        code, _ = terminal.wait_for_end()
-        assert code == 1
-
-
-def _wait_for_commands(folder: Path, wanted: list[str], seconds: float = 30.0) -> None:
-    """What was commanded in the run so far; half a second later it is still no more."""
-    (path,) = folder.glob("runs/*/commands.jsonl")
-    until = time.monotonic() + seconds
-    found: list[str] = []
-    while found != wanted:
-        assert time.monotonic() < until, f"{found}, wanted {wanted}"
-        time.sleep(0.5)
-        lines = [json.loads(line) for line in path.read_text().splitlines()]
-        found = [each["kind"] for each in lines if each.get("kind", "apply") != "apply"]

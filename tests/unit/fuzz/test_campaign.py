@@ -18,7 +18,7 @@ from swarm_ctl.fuzz import campaign as campaigns
 from swarm_ctl.fuzz import shrink as shrinking
 from swarm_ctl.fuzz.campaign import FLIGHTS, Campaign, DrawnFlight, write_found
 from swarm_ctl.fuzz.coverage import FAULTS, NOTHING, STEPS, WHATS, Coverage, CoverageCell, what_of
-from swarm_ctl.fuzz.draw import Data, Dice, draw
+from swarm_ctl.fuzz.draw import Data, draw
 from swarm_ctl.fuzz.invariants import Broken, Invariant
 from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.mission.input import yaml_file
@@ -78,13 +78,6 @@ def test_a_users_mission_stays_as_it_is() -> None:
     data = file.model_dump(mode="json", exclude_unset=True, by_alias=True)
     plans = {draw(1, number, Coverage(), data)[1].plan for number in range(3)}
     assert plans == {load(MISSIONS / "square.yaml").plan}
-
-
-def test_dice_keep_to_their_bounds() -> None:
-    dice = Dice(1)
-    assert all(0.5 <= dice.number(0.5, 1.26) <= 1.26 for _ in range(200))
-    assert {dice.pick((1, 2, 3), lambda n: float(n != 2)) for _ in range(100)} == {1, 3}
-    assert {abs(dice.signed(2, 3)) >= 2 for _ in range(100)} == {True}
 
 
 # --- a campaign ---
@@ -267,13 +260,6 @@ def test_only_the_same_error_stays_an_error(monkeypatch: pytest.MonkeyPatch) -> 
     small = shrinking.shrink(busy(6), Broken(Invariant.RAISES, "Traceback\n5 m"))
     assert small is not None
     assert small.happens == ()
-
-
-def test_what_differs_when_flown_again_is_flown_twice(monkeypatch: pytest.MonkeyPatch) -> None:
-    flown = planted(monkeypatch, Invariant.SAME, lambda _: True)
-    small = shrinking.shrink(busy(6), Broken(Invariant.SAME, "it was not the same"))
-    assert small is not None
-    assert not flown["once"]
 
 
 def test_what_does_not_break_any_more_is_not_found(monkeypatch: pytest.MonkeyPatch) -> None:

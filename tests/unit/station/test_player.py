@@ -132,21 +132,6 @@ def test_from_event_to_event_and_from_alarm_to_alarm() -> None:
     _play(play)
 
 
-def test_a_click_on_the_line_of_time_goes_there() -> None:
-    async def play(app: Player, pilot: Pilot[None], watch: Watch) -> None:
-        await pilot.press("space")
-        row, line = next(
-            (k, line) for k, line in enumerate(text(app).splitlines()) if "REPLAY" in line
-        )
-        await pilot.click(offset=(line.index("▲"), row))
-        await settled(pilot)
-        assert app.film.time_s == pytest.approx(sum(SILENT_S) / 2, abs=5.0)
-        await pilot.click(offset=(3, row))
-        assert app.playing.going
-
-    _play(play)
-
-
 def test_nothing_can_be_ordered() -> None:
     """Every order's key and every order typed is answered with why not; no question is asked."""
 

@@ -30,11 +30,10 @@ from swarm_ctl.station.foxglove.desk import figures
 from swarm_ctl.station.output.json_lines import json_line
 from swarm_ctl.station.picture.alarms import Alarm, Level
 from swarm_ctl.station.picture.colours import COLOURS, ON_DARK, ON_LIGHT, inks
-from swarm_ctl.station.picture.history import LOSS_WINDOW_S, LinkSeries
-from swarm_ctl.station.picture.link_quality import bad_links, judge, mesh_judgements
+from swarm_ctl.station.picture.link_quality import bad_links, mesh_judgements
 from swarm_ctl.station.picture.model import Model
-from swarm_ctl.station.picture.summaries import answers, flown_order
-from swarm_ctl.station.picture.view import CommandView, LinkView
+from swarm_ctl.station.picture.summaries import answers
+from swarm_ctl.station.picture.view import CommandView
 from tests.unit.plans import REST, SCOUTS, SWEEPERS, groups_mission
 from tests.unit.station.pictures import PICTURES, PLAN
 from tests.unit.station.swarm import flying_model, grouped_model, hexagon_plan, state_of, status_of
@@ -138,22 +137,6 @@ def test_a_cell_is_as_wide_as_its_column_whatever_it_holds(text: str) -> None:
     assert cell_len(Heading("x", 8).cell(printable).words) == 9
 
 
-def _link(age: float | None, series: LinkSeries = LinkSeries()) -> tuple[Level, str]:  # noqa: B008 - immutable
-    judgement = judge(LinkView(1, 2, LinkReport(age, 0.03, 0.06, 100, 0)), series)
-    return judgement.level, judgement.words
-
-
-def test_a_bad_link_is_named_in_words() -> None:
-    lossy = LinkSeries((), ((20.0, 100, 0), (30.0, 190, 10)))
-    awful = LinkSeries((), ((20.0, 100, 0), (30.0, 150, 50)))
-    assert _link(0.05) == (Level.WELL, "")
-    assert _link(None) == (Level.WAITING, "never heard")
-    assert _link(0.7) == (Level.WARNING, "last state 0.7 s old")
-    assert _link(0.7, awful) == (Level.ERROR, "last state 0.7 s old, 50% lost in 10 s")
-    assert _link(1.5) == (Level.ERROR, "last state 1.5 s old")
-    assert _link(0.05, lossy) == (Level.WARNING, "10% lost in 10 s")
-
-
 def test_an_agent_that_all_hear_badly_is_one_sentence() -> None:
     model = flying_model(PLAN)
     for agent in PLAN.agents:
@@ -166,19 +149,6 @@ def test_an_agent_that_all_hear_badly_is_one_sentence() -> None:
     view = model.view(30.0)
     sentences = bad_links(view, mesh_judgements(view))
     assert sentences == [(Level.WARNING, "all agents hear agent 3 badly: last state 0.7 s old")]
-
-
-def test_loss_is_that_of_the_last_ten_seconds() -> None:
-    model = flying_model(PLAN)
-    for k in range(60):
-        now = 30.0 + 0.5 * k
-        lost = 0 if now < 40.0 else 100
-        links = {1: LinkReport(0.04, 0.03, 0.06, 10 * k, lost)}
-        model.fold(status_of(PLAN, 2, now, links=links), now)
-    series = model.view(59.5).histories.links[2, 1]
-    assert series.counts[0][0] >= 59.5 - LOSS_WINDOW_S
-    assert series.recent_loss == 0.0
-    assert len(series.ages_s) == 40
 
 
 def test_a_beacon_that_comes_back_tells_the_agent_s_clock() -> None:
@@ -257,15 +227,6 @@ def test_an_ordered_group_shows_its_order_and_a_silent_one_who_is_silent() -> No
     assert "scouts 4 waits: hold · sweepers 4 move" in title_line(Picture(view), 160).text
 
 
-def test_the_title_says_which_group_is_in_which_step() -> None:
-    """On a narrow screen with fewer words."""
-    picture = Picture(PICTURES["groups"]())
-    assert (
-        "scouts 5 barrier ridge · sweepers 4 move · rest 3 join 1" in title_line(picture, 160).text
-    )
-    assert "scouts 5, sweepers 4, rest 3" in title_line(picture, 80).text
-
-
 def _inked(picture: Picture) -> dict[str, str]:
     """The style of each id and name on the map."""
     found = dict[str, str]()
@@ -313,22 +274,6 @@ def test_all_colours_can_be_read_and_are_the_reports() -> None:
         assert abs(hues[0] - hues[1]) < 0.05, (one, other)
 
 
-def test_each_group_has_a_colour_of_its_own() -> None:
-    """Agents that are well, their trails and their names have it on the map; an alarm's colour and
-    a mark's go before it."""
-    view = PICTURES["groups"]()
-    colours = {group.name: Picture(view).group_ink(group.name) for group in view.groups}
-    assert [*colours.values()] == [*ON_DARK[:3]]
-    assert Picture(view).group_ink("all") == ""
-    alarm = Alarm("silent", Level.ERROR, (1,), "agent 1: silent", "silent")
-    found = _inked(Picture(view, (alarm,), chosen=Chosen(marked=frozenset({2}))))
-    assert "red" in found["1"]
-    assert "magenta" in found["2"]
-    for word, name in (("3", "scouts"), ("5", "sweepers"), ("11", "rest")):
-        assert colours[name].lower() in found[word]
-        assert colours[name].lower() in found[name]
-
-
 def test_the_answers_name_the_group_that_an_order_was_for() -> None:
     view, order = PICTURES["groups"](), Command("h1", "hold", SCOUTS, 59.0)
     acks = {agent: Ack(agent, "h1", True, "") for agent in SCOUTS}
@@ -338,20 +283,6 @@ def test_the_answers_name_the_group_that_an_order_was_for() -> None:
     told = answers(command, view)
     assert told.startswith("hold @scouts: acknowledged by agents 1-4")
     assert "agents 5-12 fly on, and where the groups meet they wait for them 120 s" in told
-
-
-def test_an_order_that_is_flown_stands_in_place_of_the_step() -> None:
-    """The mission's step waits meanwhile, and is not what the agents fly."""
-    model = flying_model(PLAN)
-    view = model.view(30.0)
-    assert {flown_order(agent, view) for agent in view.agents} == {""}
-    command = build(Order("move", ("20", "-5")), swarm_now(view))
-    model.fold(command, 30.0)
-    for agent in PLAN.agents:
-        model.fold(state_of(PLAN, agent.id, 30.0, seq=2000, override=command.tag), 30.01)
-    view = model.view(30.1)
-    assert {flown_order(agent, view) for agent in view.agents} == {"move to 20, -5 m"}
-    assert "waits: move to 20, -5 m" in title_line(Picture(view), 120).text
 
 
 def _hundred(marked: int = 0) -> Picture:

@@ -112,17 +112,6 @@ def test_as_many_agents_die_as_are_asked_for(given: str, want: int) -> None:
     assert len(np.unique(batch.silent_s[np.isfinite(batch.silent_s)])) == dead.sum()
 
 
-def test_the_dead_stand_still_and_the_others_fly_on() -> None:
-    """Three of six: each stays where its vehicle's failsafe stops it."""
-    batch = missions(n=6, silent=1.0, silent_agents=3, missions=4, limit_s=30.0, settle_s=99)
-    tracks: list[Any] = []
-    fly(batch, lambda *seen: tracks.append(seen[2].copy()))
-    moved = np.abs(np.diff(np.array(tracks), axis=0)).max(axis=1)
-    for agent, mission in np.argwhere(np.isfinite(batch.silent_s)):
-        still = round((batch.silent_s[agent, mission] + 6.0) / TICK_S)
-        assert moved[still:, agent, mission].max(initial=0.0) < 1e-3
-
-
 def test_a_distance_counts_between_two_ticks() -> None:
     """Two that cross within a tick come as close as their ways do, not as their places do."""
     batch = missions(

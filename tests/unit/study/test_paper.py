@@ -16,16 +16,9 @@ from swarm_ctl.study.paper import cases
 from swarm_ctl.study.paper import reproduce as paper
 from swarm_ctl.study.paper.claims import CLAIMS, holds
 from swarm_ctl.study.paper.pairs import PairSteps
-from swarm_ctl.study.paper.reproduce import hexagon, reproduce, studies_of, thirty_two
+from swarm_ctl.study.paper.reproduce import hexagon, reproduce, studies_of
 from swarm_ctl.study.rerun import Trace
 from tests.unit.core.law.evaluated import evaluate
-
-
-def test_table_two_is_the_path_graph() -> None:
-    """At r = 4.5: 6-2-1-3-5-4 and nothing else."""
-    links = hexagon(1.0).links[..., 0]
-    found = {(i + 1, j + 1) for i, j in np.argwhere(np.triu(links)).tolist()}
-    assert found == {(2, 6), (1, 2), (1, 3), (3, 5), (4, 5)}
 
 
 def test_both_forms_form_the_hexagon_alike() -> None:
@@ -40,13 +33,6 @@ def test_both_forms_form_the_hexagon_alike() -> None:
         ends.append((outcome.time_s[0], trace.positions()[-1]))
     assert abs(ends[0][0] - ends[1][0]) < 1.0
     assert np.abs(ends[0][1] - ends[1][1]).max() < 0.02
-
-
-def test_thirty_two_start_in_their_square() -> None:
-    starts = thirty_two(1.0).starts
-    assert starts.shape == (2, 32, 1)
-    assert starts.min() >= 0
-    assert starts.max() <= 20
 
 
 def test_everything_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

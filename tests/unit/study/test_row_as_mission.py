@@ -67,14 +67,6 @@ def test_each_agent_keeps_its_own_vehicle_and_its_belief(tmp_path: Path) -> None
     assert mission.plan.law.delta_a == 0.2
 
 
-def test_wind_is_carried(tmp_path: Path) -> None:
-    row = flown(tmp_path, vehicle="px4", wind_mps=6, dead_time_s=0.4)
-    assert write_mission(row, tmp_path / "row.yaml") == []
-    mission = load(tmp_path / "row.yaml")
-    assert mission.file.simulation.parameters.SIM_WIND_SPD == 6
-    assert {entry.autopilot for entry in mission.fleet.agents} == {"px4"}
-
-
 def test_what_a_mission_cannot_carry_is_named(tmp_path: Path) -> None:
     """The mesh's delay and losses, and deaths."""
     row = flown(tmp_path, delay_s=0.1, jitter_s=0.05, loss=0.2, burst_s=0.3, silent=1, limit_s=3)

@@ -99,20 +99,6 @@ def test_the_rounds_spend_the_budget_and_get_worse(goal: Goal) -> None:
     assert found.badness == goal.badness(found.row)
 
 
-def test_what_agents_believe_stays_when_ranges_get_narrow() -> None:
-    """The middle of the whole true range, as in the study, not of the narrowed one."""
-    believed = set[float]()
-
-    def fly(studies: Sequence[Study]) -> Iterator[list[Row]]:
-        believed.update(cell.model.lag_s for study in studies for cell in study.cells())
-        assert studies[0].lag_s[0].low >= 0.2
-        return flown(studies)
-
-    study = Study.model_validate({"n": 2, "lag_s": "0.2:0.8", "limit_s": 1.0})
-    worst(study, Goal.SMALLEST, 64, fly)
-    assert believed == {0.5}
-
-
 def command(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> object:
     """The exit code of `swarm-ctl study`."""
     monkeypatch.setattr("sys.argv", ["swarm-ctl", "study", *arguments])

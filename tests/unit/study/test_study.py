@@ -18,14 +18,13 @@ from rich.table import Table
 from swarm_ctl.core.law.graph import components
 from swarm_ctl.core.model.plan import Compensation, LawParameters
 from swarm_ctl.errors import InputError
-from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.study import executor
 from swarm_ctl.study.batch import batch as batch_module
 from swarm_ctl.study.batch.batch import Batch, blocks, draw
 from swarm_ctl.study.batch.batch_flight import fly
 from swarm_ctl.study.executor import run_study
-from swarm_ctl.study.parameter_space import LEVELS, Range, Study, value
-from swarm_ctl.study.rerun import Trace, rerun, write_mission
+from swarm_ctl.study.parameter_space import Range, Study, value
+from swarm_ctl.study.rerun import Trace, rerun
 from swarm_ctl.study.rows import read_rows
 from swarm_ctl.study.rows_table import exact_interval, quantile, tables
 
@@ -157,37 +156,6 @@ def test_a_row_flown_alone_is_the_row(
         }
     with pytest.raises(InputError, match="rows 0 to 23"):
         rerun(path, 24)
-
-
-def test_a_row_becomes_a_mission_that_loads(tmp_path: Path) -> None:
-    """The mission file has the row's starts and slots."""
-    study = Study.model_validate(SHORT | {"missions": 3})
-    path = tmp_path / "rows.csv"
-    run_study(study, path, 1, silent())
-    flown = rerun(path, 1)
-    write_mission(flown, tmp_path / "row.yaml")
-    plan = load(tmp_path / "row.yaml").plan
-    assert [agent.start for agent in plan.agents] == [
-        tuple(p) for p in flown.batch.starts[..., 0].T.tolist()
-    ]
-    links = {agent.id - 1: {j - 1 for j in agent.neighbours} for agent in plan.agents}
-    assert links == {i: set(np.flatnonzero(flown.batch.links[i, :, 0]).tolist()) for i in links}
-
-
-@pytest.mark.parametrize(("level", "on"), list(zip(LEVELS, (0, 1, 2, 3, 4, 4), strict=True)))
-def test_a_row_is_handed_on_with_the_safety_it_was_flown_with(
-    tmp_path: Path, level: str, on: int
-) -> None:
-    study = Study.model_validate(SHORT | {"missions": 2, "safety": (level,)})
-    run_study(study, tmp_path / "rows.csv", 1, silent())
-    write_mission(rerun(tmp_path / "rows.csv", 1), tmp_path / "row.yaml")
-    safety = load(tmp_path / "row.yaml").plan.safety
-    assert (safety.filter, safety.guard, safety.release, safety.align) == (
-        on > 0,
-        on > 1,
-        on > 2,
-        on > 3,
-    )
 
 
 def _in_one_part(links: npt.NDArray[np.bool_]) -> bool:
@@ -346,12 +314,3 @@ def table_rows(table: Table) -> dict[str, list[str]]:
     """The cells of each line, by its first."""
     first, *rest = ([str(cell) for cell in column.cells] for column in table.columns)
     return {name: [column[k] for column in rest] for k, name in enumerate(first)}
-
-
-def test_the_table_s_columns_are_in_the_order_that_is_asked_for(tmp_path: Path) -> None:
-    """Not in the order in which cells are flown, and as the study lists its values."""
-    study = Study.model_validate(SHORT | {"n": (3, 4), "safety": ("off", "filter"), "missions": 2})
-    run_study(study, tmp_path / "rows.csv", 1, silent())
-    (found,) = tables(study, read_rows(tmp_path / "rows.csv"), ("safety", "n"), width=250)
-    assert table_rows(found)["safety"] == ["off", "off", "filter", "filter"]
-    assert table_rows(found)["n"] == ["3", "4", "3", "4"]

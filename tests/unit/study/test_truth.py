@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarm_ctl.core.model.plan import Response
 from swarm_ctl.study.batch.batch import Batch, blocks, draw
 from swarm_ctl.study.batch.batch_flight import fly
 from swarm_ctl.study.parameter_space import AGENT_RANGES, Range, Study, value
@@ -78,38 +77,6 @@ def test_missions_do_not_depend_on_the_missions_beside(vehicle: str) -> None:
     assert len(set(whole.steps)) > 1
     for name in ("smallest", "error", "time_s", "touched", "steps"):
         assert (getattr(part, name) == getattr(whole, name)[keep]).all(), name
-
-
-def test_the_agents_believe_what_they_are_told() -> None:
-    """The model does not touch the vehicles, nor the vehicles the model."""
-    told = {"model_lag_s": (0.9,), "model_dead_time_s": (0.1,), "model_acceleration_mps2": (2.0,)}
-    right, wrong = missions(), missions(**told)
-    assert right.cell.model == Response(0.4, 0.55, 2.5)
-    assert wrong.cell.model == Response(0.1, 0.9, 2.0)
-    assert (right.lag_s == wrong.lag_s).all()
-    both = [Flown(batch) for batch in (right, wrong)]
-    for flown in both:
-        flown.steer(1.0 + 1.0j)
-        flown.decide()
-    places, points = ([flown.agent[name] for flown in both] for name in ("place_m", "point"))
-    assert (places[0] == places[1]).all()
-    assert (points[0] != points[1]).any()
-
-
-@pytest.mark.parametrize("vehicle", ["lag", "px4"])
-def test_all_vehicles_may_answer_later_than_their_agents_know(vehicle: str) -> None:
-    """By so many ticks, and the model stays."""
-    settings = {"vehicle": (vehicle,), "dead_time_s": 0.0, "delay_s": 0.0}
-    prompt, late = (missions(**settings, late_s=late_s) for late_s in (0.0, 0.3))
-    assert prompt.cell.model == late.cell.model
-    both = [Flown(batch) for batch in (prompt, late)]
-    tracks = []
-    for _ in range(40):
-        for flown in both:
-            flown.steer(0.2 + 0.2j)
-        tracks.append([flown.agent["place_m"].copy() for flown in both])
-    for tick in range(6, 40):
-        assert tracks[tick][1] == pytest.approx(tracks[tick - 6][0], abs=1e-12)
 
 
 def test_a_model_of_no_lag_is_refused() -> None:

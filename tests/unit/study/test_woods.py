@@ -57,13 +57,6 @@ def test_the_way_keeps_off_all_trunks(wood: str) -> None:
         assert gaps.min() > 2.2
 
 
-def test_two_columns_of_trunks_apart_by_less_than_the_gap_are_not_drawn() -> None:
-    for each in woods(gap=0.7).woods:
-        apart = np.abs(each.at[:, None] - each.at[None]) - each.radius[:, None] - each.radius[None]
-        np.fill_diagonal(apart, np.inf)
-        assert apart.min() >= 0.7
-
-
 @pytest.mark.parametrize("wood", ["trunks", "gate", "trap"])
 def test_all_arrive_and_none_enters_a_trunk(wood: str) -> None:
     batch = woods(wood=wood, delay_s="0:0.2", loss="0:0.2")

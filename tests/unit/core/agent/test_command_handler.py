@@ -20,14 +20,12 @@ from swarm_ctl.core.agent.command_handler import (
 from swarm_ctl.core.model.messages import Ack, Command, CommandKind, Phase
 from swarm_ctl.core.model.plan import Fence, Plan, Point
 from swarm_ctl.core.model.steps.follow import FollowStep
-from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.goto import GotoStep
 from swarm_ctl.core.model.steps.hold import HoldStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.targets import TargetPlan
 from swarm_ctl.core.swarm.gain_update import ASKS
 from tests.unit.core.builders import (
-    FORM,
     FORMING,
     GROUP,
     HOLD,
@@ -308,14 +306,6 @@ def test_an_older_command_is_refused_but_never_an_ending_one() -> None:
     assert landed.accepted
 
 
-def test_a_next_for_a_step_that_is_over_is_accepted_and_does_nothing() -> None:
-    agent = Flying()
-    assert agent.take(at(0, "next", "late", at_step=FORM))[0].accepted
-    assert agent.done == []
-    agent.take(at(1, "next", "now", at_step=HOLD))
-    assert agent.done == ["now"]
-
-
 NAMES = st.integers(0, 5)
 COMMANDS = st.lists(
     st.tuples(NAMES, st.sampled_from(["hold", "resume", "next", "form", "move", "land"])),
@@ -343,24 +333,3 @@ def test_repeated_commands_change_nothing(rows: list[tuple[int, str]], data: st.
     assert repeated.done == plain.done
     assert repeated.handler.override == plain.handler.override
     assert repeated.handler.ordered == plain.handler.ordered
-
-
-@given(
-    st.lists(
-        st.tuples(NAMES, st.sampled_from(["hold", "form", "move"])),
-        min_size=1,
-        max_size=6,
-        unique_by=lambda row: row[0],
-    ),
-    st.randoms(use_true_random=False),
-)
-def test_the_order_of_arrival_decides_nothing(rows: list[tuple[int, str]], random: Any) -> None:
-    """Of commands that override the mission, the newest by the sender's time is flown."""
-    commands = commands_of(rows)
-    newest = max(commands, key=lambda each: each.time_s)
-    random.shuffle(commands)
-    agent = Flying()
-    agent.take(*commands)
-    assert agent.handler.override is not None
-    assert agent.handler.override.tag == newest.tag
-    assert isinstance(agent.handler.override.step, FormStep | MoveStep | HoldStep)

@@ -65,26 +65,6 @@ def test_what_a_peer_shows(what: str, other: OtherAircraft, told: tuple[int, boo
 
 # --- lost ---
 
-LOST: list[tuple[str, OtherAircraft, bool]] = [
-    ("heard", peer(2), False),
-    ("just heard", peer(2, 5.0), False),
-    ("silent", peer(2, 5.01), True),
-    ("never heard", peer(2, NEVER), False),
-    ("it landed", peer(2, phase=Phase.LAND), True),
-    ("it yielded", peer(2, phase=Phase.YIELD), True),
-    ("it lands in the last step", peer(2, phase=Phase.LAND, step=LAST), False),
-]
-
-
-@pytest.mark.parametrize(("what", "other", "lost"), LOST, ids=[row[0] for row in LOST])
-def test_a_mission_that_goes_on_does_so_without_the_lost(
-    what: str, other: OtherAircraft, lost: bool
-) -> None:
-    """The policy `continue`, in flight: the barrier waits for the others alone."""
-    peers = snapshot(other, peer(3))
-    assert group(GOING_ON).lost(peers, airborne=True) == ({2} if lost else set())
-    assert len(compared(peers, GOING_ON)) == (1 if lost else 2)
-
 
 def test_on_the_ground_no_peer_is_left_behind() -> None:
     assert group(GOING_ON).lost(snapshot(peer(2, 60.0), peer(3)), airborne=False) == set()
@@ -122,11 +102,6 @@ def test_a_formation_in_its_shape_has_no_error() -> None:
     assert error_m(beside(2, 7.0), beside(3, 7.0), own=fix(7.0)) == pytest.approx(0.0)
 
 
-def test_the_error_is_the_largest_distance_from_the_mean() -> None:
-    """[m]: one agent of three is 3 m off, so the mean is 1 m off, and that one by 2 m."""
-    assert error_m(beside(2, 3.0), beside(3, 0.0)) == pytest.approx(2.0)
-
-
 @pytest.mark.parametrize(
     ("what", "peers", "own"),
     [
@@ -140,10 +115,3 @@ def test_it_is_unknown_unless_all_are_fresh(
     what: str, peers: tuple[OtherAircraft, ...], own: OwnFix | None
 ) -> None:
     assert error_m(*peers, own=own) is None
-
-
-def test_it_is_measured_without_the_lost() -> None:
-    """A peer that gave up leaves the shape, whatever the policy; a silent one by `continue`."""
-    gone = beside(3, 40.0, phase=Phase.ENDED)
-    assert error_m(beside(2, 0.0), gone, of=GOING_ON) == pytest.approx(0.0)
-    assert error_m(beside(2, 0.0), peer(3, 60.0), of=GOING_ON) == pytest.approx(0.0)

@@ -11,7 +11,7 @@ from swarm_ctl.core.agent.return_to_launch import ReturnToLaunch, deserted, retu
 from swarm_ctl.core.model.messages import Phase, ReturnStage
 from swarm_ctl.core.model.plan import Fence
 from swarm_ctl.core.swarm.snapshot import OtherAircraft
-from tests.unit.core.builders import HEIGHT_M, NOW, fix, peer, plan, snapshot
+from tests.unit.core.builders import NOW, fix, peer, plan, snapshot
 
 CLIMB, WAIT, FLY, DOWN = ReturnStage
 NEVER = math.inf
@@ -31,10 +31,6 @@ def stays(agent: int, phase: Phase) -> OtherAircraft:
 # --- heights ---
 
 
-def test_agents_fly_back_in_layers() -> None:
-    assert [return_height_m(plan(), i) for i in (1, 2, 3)] == [HEIGHT_M, 11.0, 14.0]
-
-
 @pytest.mark.parametrize(
     ("fence_m", "heights"), [(16.0, [8.0, 11.0, 14.0]), (14.0, [8.0, 10.0, 12.0]), (9.0, [8.0] * 3)]
 )
@@ -42,22 +38,6 @@ def test_the_heights_stay_two_metres_below_the_fence(fence_m: float, heights: li
     """As far as that is possible, with equal separations."""
     fenced = plan(fence=Fence((), fence_m))
     assert [return_height_m(fenced, i) for i in (1, 2, 3)] == heights
-
-
-# --- up ---
-
-
-def test_it_stays_a_second_at_its_height_first() -> None:
-    """Meanwhile the states of its peers arrive. Off the height, the second begins anew."""
-    way = ReturnToLaunch(plan(), 1)
-
-    def after(seconds: float, off_m: float = 0.0) -> ReturnStage:
-        return way.update(snapshot(now=NOW + seconds), fix(), way.height_m + off_m)
-
-    assert [after(0.0), after(0.9)] == [CLIMB, CLIMB]
-    assert after(0.95, off_m=1.0) is CLIMB
-    assert [after(1.0), after(1.95)] == [CLIMB, CLIMB]
-    assert after(2.0) is FLY
 
 
 # --- in each other's way ---

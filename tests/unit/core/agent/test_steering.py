@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from swarm_ctl.core.agent.steering import FlyTo, KeepClear
+from swarm_ctl.core.agent.steering import FlyTo
 from swarm_ctl.core.model.vehicle import FlyGoal
 from tests.unit.core.builders import Own, fix
 
@@ -23,8 +23,3 @@ def test_the_vehicle_is_told_the_drift_less_so_its_position_moves_as_wished() ->
         goals.append(goal.velocity_ned_mps[:2])
         assert own.controller.setpoint_mps == pytest.approx(goals[0])
     assert goals[1] == pytest.approx((goals[0][0] - 0.3, goals[0][1] + 0.2))
-
-
-def test_without_a_fix_the_setpoint_is_zero() -> None:
-    goal = Own().steering.fly(Own().tick(fix=None), KeepClear())
-    assert goal == FlyGoal((0.0, 0.0, 0.0))

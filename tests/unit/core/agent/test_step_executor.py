@@ -100,16 +100,6 @@ def test_take_off_ends_at_its_height_under_control(seen: dict[str, Any], done: b
     assert flight.progress.done is done
 
 
-def test_what_the_vehicle_says_is_the_reason_it_does_not_arm() -> None:
-    """A STATUSTEXT is kept as the reason until a newer one comes."""
-    flight = Flight(TAKEOFF, **UNFLOWN)
-    flight.at(**PARKED)
-    assert flight.reason == "waiting for the vehicle to arm"
-    flight.at(0.05, **PARKED, texts=("PreArm: compass",))
-    flight.at(0.1, **PARKED)
-    assert flight.reason == "PreArm: compass"
-
-
 # --- the end of a step ---
 
 
@@ -122,20 +112,6 @@ def test_late_states_neither_count_for_settling_nor_undo_it() -> None:
     flight.at(2.1)
     assert not flight.progress.done
     flight.at(3.15)
-    assert flight.progress.done
-
-
-def test_a_peer_out_of_its_slot_starts_settling_anew() -> None:
-    """Half a second out of the shape costs the time that it had stood for."""
-    flight = Flight(FORM)
-    flight.through(1.5)
-    away = peer(2, step=FORM, position_ned_m=(5.0, 10.0, -HEIGHT_M), stop_point_m=(5.0, 10.0))
-    for k in range(10):
-        flight.at(1.55 + 0.05 * k, away, peer(3, step=FORM))
-    flight.at(2.6)
-    flight.at(4.4)
-    assert not flight.progress.done
-    flight.at(4.8)
     assert flight.progress.done
 
 

@@ -15,7 +15,6 @@ from swarm_ctl.core.agent.takeover import EVIDENCE_S, LEARN_S, Takeover
 from swarm_ctl.core.model.causes import FailsafeAction
 from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.core.model.messages import Outcome, Phase
-from swarm_ctl.core.model.planned_formation import Frame
 from swarm_ctl.core.model.vehicle import GlobalFix
 from tests.unit.core.builders import (
     HEIGHT_M,
@@ -115,12 +114,6 @@ def test_an_order_to_land_is_as_good_as_a_peer(
     assert not takeover.took
 
 
-def test_it_listens_for_a_second_whether_it_is_there_twice() -> None:
-    own, said = looking(0.99)
-    assert "listening" in said
-    assert not own.vehicle.ours
-
-
 # --- the vehicle's mode ---
 
 PILOT = {"controlled": False, "mode": "LOITER"}
@@ -158,19 +151,6 @@ def taken(*peers: Any, **seen: Any) -> tuple[Own, Takeover]:
     takeover.look(tick(*peers, **seen))
     assert takeover.look(tick(*peers, now=NOW + 1.0, **seen)) == ""
     return own, takeover
-
-
-def test_it_takes_the_frame_of_the_lowest_peer_in_its_step() -> None:
-    frame, other = Frame((1.0, 2.0)), Frame((9.0, 9.0))
-    own, _ = taken(peer(2, step=HOLD, frame=frame), peer(3, step=HOLD, frame=other))
-    assert own.group.reference.frame == frame
-
-
-def test_the_take_off_point_is_where_home_is() -> None:
-    """The vehicle tells its height above home; its local height may count from elsewhere."""
-    own, _ = taken(fix=fix(height_m=HEIGHT_M + 3.0))
-    assert own.vehicle.ground_m == pytest.approx(3.0)
-    assert own.vehicle.height(fix(height_m=HEIGHT_M + 3.0)) == pytest.approx(HEIGHT_M)
 
 
 # --- learning ---

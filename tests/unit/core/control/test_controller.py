@@ -34,28 +34,8 @@ def at(agent: int, north: float, east: float, age_s: float = 0.05, **told: Any) 
     return peer(agent, age_s, **(place | told))
 
 
-def in_the_row(away: dict[int, Point] | None = None) -> PeerSnapshot:
-    """Both peers on their slots, or so far off them [m]."""
-    off = {2: (0.0, 0.0), 3: (0.0, 0.0)} | (away or {})
-    peers = [at(i, off[i][0], UNIT_M * SLOTS[i - 1][1] + off[i][1]) for i in (2, 3)]
-    return snapshot(*peers)
-
-
 def speed(velocity: Point) -> float:
     return math.hypot(*velocity)
-
-
-# --- the law ---
-
-
-def test_a_pinned_agent_hurries_no_more_than_the_others() -> None:
-    """Its place weighs as much as its neighbours, so it stands between them; it leaves a place
-    where both agree as slowly as an agent that is not pinned."""
-    between = controller().form(in_the_row({2: (1.0, 0.0), 3: (1.0, 0.0)}), ROW, off_m=(-1.0, 0.0))
-    assert between[0] == pytest.approx(0.0, abs=0.2)
-    free = controller(north=0.5).form(in_the_row(), ROW)
-    pinned = controller(north=0.5).form(in_the_row(), ROW, off_m=(-0.5, 0.0))
-    assert free[0] <= pinned[0] == pytest.approx(free[0], rel=0.15)
 
 
 # --- what stands between the law and the vehicle ---
@@ -110,24 +90,6 @@ def test_it_keeps_clear_of_all_that_comes_near() -> None:
 
 
 # --- what it stores ---
-
-
-def test_setpoints_in_the_dead_time_move_the_stop_point() -> None:
-    """Which is where the vehicle would come to rest: its position, while nothing was sent."""
-    own = controller()
-    assert own.stop_point_m == (0.0, 0.0)
-    for _ in range(20):
-        own.send(2 + 0j)
-    own.locate(fix(velocity=(2.0, 0.0, 0.0)), NOW)
-    flying = own.stop_point_m[0]
-    assert flying > 1.0
-    own.rest()  # what was sent before still acts: the others are told so
-    own.locate(fix(velocity=(2.0, 0.0, 0.0)), NOW)
-    assert own.stop_point_m[0] == pytest.approx(flying, abs=2.0 * 1.5 * PLAN.tick_s)
-    for _ in range(20):
-        own.rest()
-    own.locate(fix(), NOW)
-    assert own.stop_point_m == (0.0, 0.0)
 
 
 def test_the_sigma_report_has_the_pairs_within_r_out() -> None:

@@ -75,12 +75,3 @@ def test_no_vehicle_is_told_to_fly_faster_than_it_may() -> None:
         along = abs(1.5 + 1.5j) + (added * (1.0 - 1.0j)).real / abs(1.0 + 1.0j)
         assert along <= 1.2 * 2.2 + 1e-9
     assert headwind.added.real > 0.0
-
-
-def test_what_is_added_is_bounded_and_ends_on_the_ground() -> None:
-    headwind = Headwind(AUTOPILOT_KINDS["px4"].response, TICK_S)
-    for _ in range(400):
-        headwind.meet(0j, 30.0 + 0j)
-    assert abs(headwind.added) <= 3.0 + 1e-9
-    headwind.rest()
-    assert headwind.fade() == 0j

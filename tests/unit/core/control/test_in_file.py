@@ -58,38 +58,11 @@ def fly(files: dict[int, InFile], places: dict[int, Point], step: MoveStep, midd
             places[i] = told[i][0] + moved.real, told[i][1] + moved.imag
 
 
-def test_the_front_one_sets_out_and_the_others_stay_until_there_is_room() -> None:
-    places = at_start()
-    ahead = place(places, 3)
-    assert ahead is not None
-    assert ahead[0] > places[3][0]
-    assert place(places, 2) is None
-    assert place(places, 1) is None
-    gone = places | {3: (GAP_M + 1.0, 0.0)}
-    assert place(gone, 2) is not None
-    assert place(gone, 1) is None
-
-
 def test_one_that_is_lost_or_has_left_is_followed_by_nobody() -> None:
     places = at_start()
     assert place(places, 2, lost=(3,)) is not None
     assert place(places, 2, departed=(3,)) is not None
     assert place(places, 1, lost=(3,)) is None
-
-
-def test_all_follow_the_way_and_stand_in_their_places_behind_it() -> None:
-    """Perfect vehicles at 4 m/s: one behind the other, apart by the gap on the way."""
-    files, places = {i: InFile(PLAN, i) for i in SLOTS}, at_start()
-    least = math.inf
-    for _ in range(3000):
-        fly(files, places, STEP, MIDDLE)
-        on_it = [i for i in SLOTS if 5.0 < places[i][0] < 55.0 and places[i][1] < 1.0]
-        gaps = [math.dist(places[i], places[j]) for i in on_it for j in on_it if i < j]
-        least = min(least, *gaps) if gaps else least
-    assert least > 0.9 * GAP_M
-    for i, slot in SLOTS.items():
-        goal = 60.0 + slot[0] * UNIT_M, 80.0 + slot[1] * UNIT_M
-        assert math.dist(places[i], goal) < 0.5
 
 
 @pytest.mark.parametrize("ticks", [0, 150, 300, 450])

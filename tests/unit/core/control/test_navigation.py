@@ -67,10 +67,6 @@ def test_it_is_carried_on_for_half_a_second(velocity: Vector3, age_s: float) -> 
     assert found.velocity_ned_mps == velocity
 
 
-def test_a_report_from_the_future_is_now() -> None:
-    assert fixed(seen(velocity=(5.0, 0.0, 0.0)), NOW - 1.0).position_ned_m == (3.0, 4.0, -5.0)
-
-
 def test_the_two_positions_are_compared_horizontally() -> None:
     """[m]; 0 without GLOBAL_POSITION_INT."""
     place = geodetic_from_ned((3.0, 10.0, -90.0), ORIGIN)
@@ -103,10 +99,6 @@ def test_a_velocity_that_its_positions_deny_is_corrected_within_seconds() -> Non
     assert drift == pytest.approx(-0.4 + 0.5j, abs=0.03)
 
 
-def test_a_vehicle_whose_words_agree_has_no_drift() -> None:
-    assert abs(flown(Navigator(ORIGIN), 4.0, 3.0 + 1.0j, 3.0 + 1.0j)) < 1e-6
-
-
 def test_the_drift_is_bounded_and_a_jump_of_the_position_is_none() -> None:
     """A position that stands still at 5 m/s is an estimator that failed, not a drift."""
     navigator = Navigator(ORIGIN)
@@ -117,10 +109,3 @@ def test_the_drift_is_bounded_and_a_jump_of_the_position_is_none() -> None:
     jumped = calm.fix(view(local=report), NOW)
     assert jumped is not None
     assert math.hypot(*jumped.drift_mps) < 1e-6
-
-
-def test_a_vehicle_that_started_again_is_observed_afresh() -> None:
-    """Its own clock begins at 0 again."""
-    navigator = Navigator(ORIGIN)
-    flown(navigator, 4.0, 1.0 + 0j, 2.0 + 0j)
-    assert flown(navigator, 0.05, 1.0 + 0j, 1.0 + 0j, at_m=100j) == 0j

@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm_ctl.core.control.target import Sighting, Tracker
-from swarm_ctl.core.model.targets import TargetPlan
 
 EVERY_S = 0.2
 
@@ -52,16 +51,6 @@ def test_a_target_on_a_circle_is_where_it_is(speed: float, turns: float, later_s
     bent = speed * abs(turns) * (5.5 * EVERY_S + later_s) if hidden else 0.0
     assert abs(known.at - at) < 0.05 + 0.02 * speed + bent * (5.5 * EVERY_S + later_s)
     assert abs(known.velocity - velocity) < 0.05 + 0.05 * speed + bent
-
-
-def test_one_that_stands_keeps_its_course() -> None:
-    tracker = tracked(4.0, 0.0)
-    for k in range(12, 24):
-        tracker.hear(word(k * EVERY_S, 9.0 + 0j, 0.05j * (-1) ** k))
-    known = tracker.now(24 * EVERY_S)
-    assert known is not None
-    assert abs(known.velocity) < 0.5
-    assert known.course.real == pytest.approx(1.0, abs=0.01)
 
 
 def test_a_jump_is_not_believed_and_is_named() -> None:
@@ -128,10 +117,3 @@ def test_absurd_speeds_are_refused() -> None:
     assert not tracker.hear(word(0.0, 0j, 300.0 + 0j))
     assert not tracker.hear(word(0.0, 0j)._replace(accuracy_m=1e9))
     assert tracker.now(0.0) is None
-
-
-def test_a_played_target_goes_its_way_and_stands_at_the_end() -> None:
-    target = TargetPlan("boat", way_m=((0.0, 0.0), (10.0, 0.0), (10.0, 5.0)), speed_mps=2.0)
-    assert target.played(0.0) == ((0.0, 0.0), (2.0, 0.0))
-    assert target.played(6.0) == ((10.0, 2.0), (0.0, 2.0))
-    assert target.played(60.0) == ((10.0, 5.0), (0.0, 0.0))

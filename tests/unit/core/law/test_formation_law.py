@@ -15,7 +15,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from swarm_ctl.core.kernel.law import NARROW, STATUSES, Law, cut_off
+from swarm_ctl.core.kernel.law import NARROW, STATUSES
 from swarm_ctl.core.model.plan import LawParameters
 from tests.unit.core.law.evaluated import LawResult, evaluate
 
@@ -241,13 +241,6 @@ def test_batch_is_the_same_as_one_by_one(swarms_: list[Any]) -> None:
     for b, (p, z, neighbours, _) in enumerate(swarms_):
         single = evaluate_one(0, p, z, neighbours, law)
         assert result.u[b] == pytest.approx(single.u, rel=1e-12, abs=1e-15)
-
-
-def test_cut_off_is_continuous() -> None:
-    """g is 1 at r_in, 1/2 in the middle, 0 at r_out and beyond."""
-    law = Law(HEXAGON.r, HEXAGON.r_out, HEXAGON.r_in, HEXAGON.h, HEXAGON.delta_l, HEXAGON.delta_a)
-    found = [cut_off(x, law) for x in (0.0, 0.5, 1.0, 1.5, 9.0)]
-    assert found == pytest.approx([1.0, 1.0, 0.5, 0.0, 0.0])
 
 
 def _smallest_distance(points: np.ndarray) -> float:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.model.text import agents_counted, agents_named, printable, ranges
+from swarm_ctl.core.model.text import agents_counted, printable, ranges
 
 
 @given(st.text())
@@ -25,13 +24,6 @@ def test_ranges_name_every_number_and_no_other(numbers: set[int]) -> None:
         first, _, last = span.partition("-")
         named |= set(range(int(first), int(last or first) + 1))
     assert named == numbers
-
-
-@pytest.mark.parametrize(
-    ("ids", "words"), [([3], "agent 3"), ([2, 1, 3, 5], "agents 1-3, 5"), ([4, 4], "agent 4")]
-)
-def test_agents_named(ids: list[int], words: str) -> None:
-    assert agents_named(ids) == words
 
 
 def test_many_agents_are_counted_where_their_ids_take_too_much_room() -> None:

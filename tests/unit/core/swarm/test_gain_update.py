@@ -24,7 +24,6 @@ from swarm_ctl.core.swarm.gain_update import (
     values_of,
 )
 from swarm_ctl.core.swarm.peers import Peers
-from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.loader import load, loads
 
 HEXAGON = Path(__file__).parents[4] / "missions" / "hexagon.yaml"
@@ -154,9 +153,3 @@ def test_a_mission_s_own_values_can_always_be_flown_again() -> None:
     bold = replace(plan(), kappa=5.0, law=replace(plan().law, h=0.2, delta_a=0.5, delta_l=3.0))
     assert out_of_range(planned(bold), bold) == ""
     assert out_of_range(replace(planned(bold), h=0.21), bold)
-
-
-def test_the_mission_is_not_valid_beyond_kappa() -> None:
-    """The limit of kappa is that of mission files."""
-    with pytest.raises(InputError, match="more than one law iteration a tick"):
-        loads(HEXAGON.read_text().replace("kappa: 20", "kappa: 20.1", 1))

@@ -178,21 +178,6 @@ def test_the_boundary_of_one_swarm() -> None:
     assert near_m(0.0, Hearing(plan, 1, reach_m).boundary) == pytest.approx(24.5, abs=0.05)
 
 
-def test_some_peers_are_near_wherever_they_are() -> None:
-    """A neighbour that was never heard, at once; it stays for a while when it is none any more."""
-    hearing, far = Hearing(PLAN, OWN, REACH_M), Heard(state=replace(STATE, stop_point_m=(900, 0)))
-    far.earliest_s = 0.0
-    assert hearing.look(0.0, None, [Heard()], frozenset({PEER})) == {PEER}
-    assert hearing.look(0.05, (0, 0), [far], frozenset({PEER, 4})) == {PEER, 4}
-    found = {}
-    for tick in range(2, 100):
-        looked = hearing.look(tick * TICK_S, (0, 0), [far], frozenset())
-        if looked is not None:
-            found[tick * TICK_S] = looked
-    assert found[0.1] == {PEER, 4}
-    assert [looked for at, looked in found.items() if at > 3.5] == [frozenset()] * 6
-
-
 def test_far_words_are_spread_over_the_ticks() -> None:
     """Twice a second, and agents that start together say theirs in different ticks."""
     said = {}

@@ -23,7 +23,6 @@ from swarm_ctl.core.model.messages import (
 )
 from swarm_ctl.core.model.planned_formation import Frame
 from swarm_ctl.core.swarm.in_plan import InPlan
-from swarm_ctl.core.swarm.snapshot import TRAFFIC
 from swarm_ctl.station.picture.alarms import alarms
 from swarm_ctl.station.picture.journal import Journal
 from swarm_ctl.station.picture.summaries import answers, command_words, verdict, waiting
@@ -87,19 +86,6 @@ def test_what_the_plan_has_is_believed() -> None:
     assert IN_PLAN.unknown(status(neighbours=(1, 6), nearest_agent=3)) == ""
     report = SigmaReport(2, AT_S, (0.0, 0.0), (0.0, 0.0), (pair(3),))
     assert IN_PLAN.unknown(report) == ""
-
-
-def test_an_aircraft_that_an_agent_keeps_clear_of_is_no_agent() -> None:
-    """Nor a target: an agent that reports its pair with one is believed, and the pair is on no
-    screen."""
-    model = flying_model(PLAN)
-    pairs = (pair(TRAFFIC), pair(3))
-    model.fold(SigmaReport(2, AT_S, (0.0, 0.0), (0.0, 0.0), pairs), AT_S)
-    view = model.view(AT_S)
-    assert view.doubted == {}
-    seen = view.agent(2).sigma
-    assert seen is not None
-    assert [each.peer for each in seen.pairs] == [3]
 
 
 def test_an_agent_of_another_plan_is_seen_but_for_its_mission() -> None:

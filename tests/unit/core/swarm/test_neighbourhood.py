@@ -27,13 +27,6 @@ def of(agent: int) -> Neighbourhood:
     return Neighbourhood(chain().groups[0], agent)
 
 
-def test_only_neighbours_that_are_heard_count() -> None:
-    """A state of at most a second, of an agent in N_i."""
-    middle = of(3)
-    assert middle.heard(snapshot(peer(1), peer(2), peer(4, 1.0), peer(5))) == (2, 4)
-    assert middle.heard(snapshot(peer(1), peer(2), peer(4, 1.01), peer(5))) == (2,)
-
-
 @given(st.sets(st.sampled_from((1, 2, 4, 5))))
 def test_the_survivors_stay_connected(lost: set[int]) -> None:
     middle = of(3)
@@ -49,16 +42,6 @@ def test_all_survivors_have_the_same_graph(lost: set[int]) -> None:
     for each in alive:
         each.lose(lost)
     assert all(each.links == alive[0].links for each in alive)
-
-
-def test_a_step_brings_its_graph() -> None:
-    """In the order of the plan's agents; lost agents stay bridged."""
-    middle = of(3)
-    star = ((3,), (3,), (1, 2, 4, 5), (3,), (3,))
-    middle.choose(star)
-    assert middle.own == {1, 2, 4, 5}
-    middle.lose({4})
-    assert middle.own == {1, 2, 5}
 
 
 @pytest.mark.parametrize(

@@ -62,17 +62,6 @@ def test_the_limits_of_a_far_peers_age_come_two_periods_later() -> None:
     assert seen(peers, 2, 15.4).age(15.4) == pytest.approx(5.4)
 
 
-def test_a_peer_that_comes_near_counts_with_its_far_word_until_its_states_come() -> None:
-    peers = Peers(LARGE, 1)
-    tell(peers, 2, 10.0, 1, far=True)
-    peers.follow({2}, 10.4)
-    assert seen(peers, 2, 10.7).fresh
-    assert seen(peers, 2, 10.7).age_s == pytest.approx(0.7)
-    tell(peers, 2, 10.75, 16)
-    assert seen(peers, 2, 10.8).age_s == pytest.approx(0.05)
-    assert not seen(peers, 2, 11.5).fresh
-
-
 def test_only_gaps_between_states_are_lost() -> None:
     """A far word that comes with its state or before it is no gap, nor is what was not subscribed
     to."""

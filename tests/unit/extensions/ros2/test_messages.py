@@ -19,7 +19,6 @@ from rosbags.typesys import Stores, get_typestore
 from swarm_ctl.core.model.frames import ned_from_geodetic
 from swarm_ctl.core.model.plan import Geodetic
 from swarm_ctl.extensions.ros2.messages import (
-    clock,
     diagnostics,
     fix,
     markers,
@@ -107,12 +106,6 @@ def test_transforms_lead_from_the_map_to_each_drone() -> None:
         assert each.header.frame_id == "map"
         assert xyz(each.transform.translation) == (east, north, -down)
         assert each.transform.rotation.w == 1.0
-
-
-@READERS
-def test_the_clock_tells_mission_time(read: Read) -> None:
-    told = read(clock(12_050_000_000)).clock
-    assert (told.sec, told.nanosec) == (12, 50_000_000)
 
 
 @pytest.mark.parametrize("unix_ns", [-1, 0, 2**31 * 10**9, 2**63 - 1])

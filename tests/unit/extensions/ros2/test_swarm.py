@@ -23,7 +23,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.extension import Answer
 from swarm_ctl.extensions.ros2 import swarm as module
 from swarm_ctl.extensions.ros2.swarm import Ros2, services
-from swarm_ctl.recording.topics import BY_PAYLOAD, TOPICS, adapter
+from swarm_ctl.recording.topics import BY_PAYLOAD, adapter
 from swarm_ctl.station.picture.protection import LOCAL, MeshKind, Protection
 from swarm_ctl.trust.identity import Identity
 from tests.unit.plans import groups_mission
@@ -133,16 +133,6 @@ def flight(monkeypatch: pytest.MonkeyPatch) -> Iterator[Flight]:
     assert made.graph.closed
 
 
-def test_a_state_is_told_as_it_comes(flight: Flight) -> None:
-    """And of the mesh's other messages none is."""
-    flight.tell(2, 5.0)
-    assert flight.graph.topics() == {"/drone_2/pose": 1, "/drone_2/odom": 1, "/tf": 1}
-    for topic in TOPICS:
-        if topic.payload is not AgentState:
-            flight.swarm.write(topic, 2, 0, 0, b"{}")
-    assert not flight.graph.told
-
-
 def test_that_no_router_answers_is_said_once(
     flight: Flight, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -186,18 +176,6 @@ def test_simulated_time_is_told_once_and_stamps_are_of_it(
     assert "/clock" not in flight.graph.topics()
     flight.swarm.take(PICTURES["well"]())
     assert flight.graph.topics()["/clock"] == 1
-
-
-def test_an_order_is_the_operators_and_answered_as_the_agents_do(flight: Flight) -> None:
-    flight.swarm.take(PICTURES["well"]())
-    asked = flight.ask("/drone_3/land")
-    ((order, answered),) = flight.desk.orders
-    assert (order.kind, order.agents) == ("land", (3,))
-    assert not asked.answers
-    sent = SentCommand(Command("c1", "land", (3,), 5.0), (3,))
-    sent.acks[3] = Ack(3, "c1", True, "")
-    answered(sent)
-    assert asked.answers == [(True, "land: accepted by agent 3")]
 
 
 def test_a_refused_order_says_who_refused_it_and_why(flight: Flight) -> None:

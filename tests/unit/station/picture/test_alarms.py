@@ -12,7 +12,6 @@ from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import (
     Command,
     CommandKind,
-    ExchangeState,
     LinkReport,
     Outcome,
     Phase,
@@ -22,7 +21,6 @@ from swarm_ctl.core.model.messages import (
     TickReport,
     VehicleLinkReport,
 )
-from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.swarm.gain_update import planned
@@ -194,11 +192,6 @@ def test_a_cause_raises_no_other_alarm(name: str) -> None:
     assert {alarm.name for alarm in alarms(CASES[name][0]())} == {name}
 
 
-def test_a_silent_agent_does_not_also_have_an_old_state() -> None:
-    assert {alarm.name for alarm in alarms(_silence(3.1))} == {"silent"}
-    assert {alarm.name for alarm in alarms(_silence(3.1, but_status=True))} == {"old state"}
-
-
 def test_all_is_well_when_all_is_well() -> None:
     view = flying_model(PLAN).view(30.0)
     assert alarms(view) == ()
@@ -348,26 +341,6 @@ def test_vehicles_on_the_ground_are_not_too_close() -> None:
     assert alarms(model.view(30.0)) == ()
 
 
-def test_a_graph_that_a_step_chose_has_its_links_measured_after_that_step() -> None:
-    """While its agents come together they may be apart; and it follows exchanged slots."""
-    ring = tuple(tuple(sorted({k % 6 + 1, (k - 2) % 6 + 1})) for k in range(1, 7))
-    first, form, *later = steps_of(PLAN)
-    assert isinstance(form, FormStep)
-    plan = with_group(PLAN, steps=(first, replace(form, neighbours=ring), *later))
-    model = flying_model(plan, 30.0)
-    assert {(e.a, e.b) for e in model.view(30.0).edges} == {
-        *((k, k + 1) for k in range(1, 6)),
-        (1, 6),
-    }
-    assert alarms(model.view(30.0)) == ()
-    for agent in plan.agents:
-        role = ExchangeState(role={1: 1, 2: 0}.get(agent.id, agent.id - 1))
-        model.fold(state_of(plan, agent.id, 30.0, 1200, step=3, exchange=role), 30.0)
-    view = model.view(30.0)
-    assert {(e.a, e.b) for e in view.edges} == {(1, 2), (1, 3), (3, 4), (4, 5), (5, 6), (2, 6)}
-    assert {alarm.name for alarm in alarms(view)} == {"long link"}
-
-
 def test_in_file_links_are_as_long_as_the_file() -> None:
     """A move together with the same links is an alarm."""
     first, _, *later = steps_of(PLAN)
@@ -378,17 +351,6 @@ def test_in_file_links_are_as_long_as_the_file() -> None:
         far_m = (60.0, 37.4, -10.0)
         model.fold(state_of(plan, 6, 30.0, 1200, position_ned_m=far_m), 30.0)
         assert {alarm.name for alarm in alarms(model.view(30.0))} == found
-
-
-def test_measured_alarms_of_many_agents_are_counted() -> None:
-    """With the kind first: the figure of one tells little of fourteen."""
-    plan = hexagon_plan(30)
-    model = flying_model(plan, 30.0)
-    for agent in range(2, 30, 2):
-        model.fold(status_of(plan, agent, 30.0, battery_percent=12.0 + agent / 10), 30.0)
-    ((level, text),) = gather_alarms(a for a in alarms(model.view(30.0)) if a.name == "battery")
-    assert level is Level.WARNING
-    assert text == "14 agents: battery (agent 2: battery at 12 %, and others)"
 
 
 def test_agents_that_land_because_of_another_are_no_errors() -> None:

@@ -50,13 +50,6 @@ def test_all_agents_of_the_plan_are_there_before_anything_is_heard() -> None:
     assert (view.step, view.error_m, view.pairs, view.event_count) == (0, None, (), 0)
 
 
-def test_formation_error_is_the_laws_and_each_agent_has_its_share() -> None:
-    view = flying_model(PLAN).view(30.0)
-    points = [agent.state.position_ned_m[:2] for agent in view.agents if agent.state]
-    assert view.error_m == pytest.approx(float(formation_error(points, 5.0 * np.array(HEXAGON))))
-    assert view.error_m == max(agent.error_m or 0.0 for agent in view.agents)
-
-
 def test_exchanged_slots_are_those_of_the_role() -> None:
     """Agents 1 and 2 took each other's slots and stand in them: the shape stands, and the map shows
     theirs."""
@@ -89,13 +82,6 @@ def test_an_agent_is_lost_after_the_plans_time_and_no_longer_counts() -> None:
     ]
     slots = [slot for k, slot in enumerate(HEXAGON) if k != 4]
     assert view.error_m == pytest.approx(float(formation_error(kept, 5.0 * np.array(slots))))
-
-
-def test_an_agent_restarted_after_its_end_can_be_lost_again() -> None:
-    model = Model(PLAN)
-    model.fold(status_of(PLAN, 5, 30.0, phase=Phase.ENDED), 30.0)
-    model.fold(state_of(PLAN, 5, 31.0), 31.0)
-    assert model.view(40.0).agent(5).lost
 
 
 def test_a_status_alone_keeps_an_agent_heard() -> None:
@@ -301,12 +287,6 @@ def test_one_that_left_is_in_no_group_and_a_silent_one_is_named() -> None:
     assert view.whom((1, 3)) == "agents 1, 3"
 
 
-def test_before_anything_is_heard_the_whole_swarm_prepares() -> None:
-    (group,) = Model(groups_mission().plan).view(0.0).groups
-    assert (group.name, group.step, len(group.agents)) == ("all", 0, 12)
-    assert (group.waits_for, group.waits_s) == ((), None)
-
-
 def test_an_order_to_one_group_changes_no_other_ones_shape() -> None:
     """The scouts fly an ordered shape, in which each has its own slot; the sweepers' slots are
     still those of their roles."""
@@ -322,9 +302,3 @@ def test_an_order_to_one_group_changes_no_other_ones_shape() -> None:
     after = {agent.id: agent.target_m for agent in model.view(60.1).agents}
     assert all(after[agent] == before[agent] for agent in SWEEPERS)
     assert all(after[agent] != before[agent] for agent in SCOUTS)
-
-
-def test_a_group_without_a_shape_of_its_own_keeps_its_places_in_the_one_before() -> None:
-    """The rest stand where the block had them."""
-    told = grouped_model(SPLIT, exchange=ExchangeState(role=-1)).view(60.0)
-    assert all(told.agent(agent).error_m is not None for agent in REST)
