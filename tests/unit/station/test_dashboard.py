@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from textual.events import Key, Paste
+from textual.filter import NoColor
 from textual.pilot import Pilot
 
 from swarm_ctl.commands.parse import Order
@@ -17,6 +18,7 @@ from swarm_ctl.station.dashboard.app import Dashboard
 from swarm_ctl.station.dashboard.drawing.picture import Chosen, Picture
 from swarm_ctl.station.dashboard.panes.agent_table import in_order, titles
 from swarm_ctl.station.dashboard.panes.swarm_pane import SwarmPane
+from swarm_ctl.station.dashboard.themes import DARK, LIGHT, PLAIN
 from swarm_ctl.station.picture.protection import MeshKind, Protection
 from swarm_ctl.station.picture.view import SwarmView
 from tests.on_demand import on_demand
@@ -89,11 +91,46 @@ def test_every_screen_fits_wherever_it_is_drawn(size: tuple[int, int]) -> None:
     _play(play, PICTURES["lost"](), size)
 
 
+def test_keys_and_clicks_change_screens() -> None:
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        await pilot.press("2")
+        await settled(pilot)
+        assert "30 mesh links, all well" in text(app)
+        await pilot.press("tab")
+        await settled(pilot)
+        assert "narrow" in text(app)
+        row, column = _find(app, "4 Log")
+        await pilot.click(offset=(column, row))
+        await settled(pilot)
+        assert "EKF variance high" in text(app)
+        await pilot.press("shift+tab", "shift+tab", "shift+tab")
+        await settled(pilot)
+        assert "▴id" in text(app)
+
+    _play(play)
+
+
 def _find(app: Dashboard, words: str) -> tuple[int, int]:
     for row, line in enumerate(text(app).splitlines()):
         if words in line:
             return row, line.index(words)
     raise AssertionError(f"{words!r} is not on the screen:\n{text(app)}")
+
+
+def test_a_click_on_a_title_sorts_and_the_next_one_turns_the_order_round() -> None:
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        for backwards in (False, True):
+            row, column = _find(app, "nearest m")
+            await pilot.click(offset=(column + 2, row))
+            await settled(pilot)
+            assert (app._chosen.sort, app._chosen.backwards) == ("nearest m", backwards)
+            assert ("▾nearest m" if backwards else "▴nearest m") in text(app)
+        rows = [line for line in text(app).splitlines() if " fly " in line]
+        assert [line.split()[0] for line in rows] == [
+            str(agent.id) for agent in in_order(app.picture or Picture(PICTURES["well"]()))
+        ]
+
+    _play(play)
 
 
 def test_orders_by_key_go_to_all_or_to_the_marked() -> None:
@@ -341,6 +378,37 @@ def test_the_log_filters_while_it_is_typed() -> None:
         assert desk.orders == []
 
     _play(play)
+
+
+def test_light_dark_and_no_colour(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        before = app.current_theme.dark
+        await pilot.press("t")
+        assert app.current_theme.dark is not before
+
+    async def light(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        assert app.theme == LIGHT
+
+    async def plain(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        assert app.theme == PLAIN
+        await pilot.press("t")
+        assert app.theme == PLAIN
+        strips = app.screen._compositor.render_strips()
+        (colours,) = [f for f in app._filters if isinstance(f, NoColor)]
+        filtered = [colours.apply(list(strip), app.screen.background_colors[1]) for strip in strips]
+        styles = [segment.style for line in filtered for segment in line if segment.style]
+        colours_left = {
+            colour for style in styles for colour in (style.color, style.bgcolor) if colour
+        }
+        assert all(colour.is_default for colour in colours_left)
+
+    monkeypatch.setenv("COLORFGBG", "0;15")
+    _play(light)
+    monkeypatch.delenv("COLORFGBG")
+    _play(play)
+    monkeypatch.setenv("NO_COLOR", "1")
+    _play(plain)
+    assert DARK != LIGHT
 
 
 @pytest.mark.parametrize("title", titles(PLAN))

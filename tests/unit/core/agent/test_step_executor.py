@@ -10,7 +10,7 @@ from swarm_ctl.core.agent.command_handler import CommandHandler
 from swarm_ctl.core.agent.step_executor import StepExecutor
 from swarm_ctl.core.model.messages import StepOutcome
 from swarm_ctl.core.model.plan import Plan, Policy
-from swarm_ctl.core.model.vehicle import Goal
+from swarm_ctl.core.model.vehicle import AirborneGoal, Goal
 from tests.unit.core.builders import (
     FORM,
     FORMING,
@@ -98,6 +98,30 @@ def test_take_off_ends_at_its_height_under_control(seen: dict[str, Any], done: b
     flight = Flight(TAKEOFF)
     flight.at(**seen)
     assert flight.progress.done is done
+
+
+CLIMBS = {"climbs_by_setpoints": True, "on_ground": False}
+
+
+@pytest.mark.parametrize(
+    ("seen", "steered"),
+    [
+        (CLIMBS, True),
+        (CLIMBS | {"on_ground": True}, False),
+        (CLIMBS | {"climbs_by_setpoints": False}, False),
+        (CLIMBS | {"controlled": False}, False),
+    ],
+    ids=["in the air", "on the ground", "by the autopilot", "in another mode"],
+)
+def test_a_climb_by_setpoints_comes_back_over_its_start(
+    seen: dict[str, Any], steered: bool
+) -> None:
+    """Blown off by a metre, it is told to fly back, where the climb is flown by setpoints."""
+    flight = Flight(TAKEOFF)
+    flight.at(**seen, fix=fix(height_m=0.0))
+    goal = flight.at(0.05, **seen, fix=fix(0.0, 1.0, height_m=3.0))
+    assert isinstance(goal, AirborneGoal)
+    assert (goal.velocity_mps[1] < -0.5) is steered
 
 
 # --- the end of a step ---
