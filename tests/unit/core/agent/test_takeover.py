@@ -166,6 +166,12 @@ def test_it_holds_for_a_second_while_it_learns() -> None:
     assert takeover.learning(tick(now=NOW + 1.1), 0) is None  # once and for all
 
 
+@pytest.mark.parametrize("step", [TAKEOFF, LAST])
+def test_on_the_way_up_and_down_it_does_not_hold(step: int) -> None:
+    _, takeover = taken(peer(2, step=step), peer(3, step=step))
+    assert takeover.learning(tick(now=NOW + 1.01), 0) is None
+
+
 DONE: list[tuple[str, Callable[[], Any], bool]] = [
     ("a peer is done", lambda: peer(2, done=True), True),
     ("a peer is further", lambda: peer(2, step=HOLD + 1), True),
