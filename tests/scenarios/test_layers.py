@@ -152,7 +152,7 @@ def test_words_that_are_late_put_a_pile_in_one_plane_again() -> None:
 
 @pytest.mark.parametrize(
     ("agent", "down_m"),
-    [(1, 3.0), (2, 3.0), (2, -3.0), (3, -3.0), on_demand(1, -3.0), on_demand(3, 3.0)],
+    [(1, 3.0), (2, -3.0), *(on_demand(*row) for row in ((2, 3.0), (3, -3.0), (1, -3.0), (3, 3.0)))],
 )
 def test_a_height_that_is_off_by_3_m_counts_for_that_much_less(agent: int, down_m: float) -> None:
     """The estimate of one in a pile jumps by 3 m, so that it climbs or sinks towards another, by
@@ -168,7 +168,7 @@ def test_a_height_that_is_off_by_3_m_counts_for_that_much_less(agent: int, down_
     assert len(doubted) == 2  # by both others
 
 
-@pytest.mark.parametrize("agent", [1, 2, 3])
+@pytest.mark.parametrize("agent", [on_demand(1), 2, on_demand(3)])
 def test_one_whose_agent_dies_among_others_in_a_pile(agent: int) -> None:
     """The others hear nothing of it, make room in the plane, and go on once it has landed."""
     swarm, _ = piled(HEAD + "policies: {agent_lost: continue}\n" + PILED)
@@ -178,7 +178,7 @@ def test_one_whose_agent_dies_among_others_in_a_pile(agent: int) -> None:
     assert set(others.values()) == {"completed"}
 
 
-@pytest.mark.parametrize("agents", [(2,), (3,), ()], ids=str)
+@pytest.mark.parametrize("agents", [(2,), on_demand((3,)), ()], ids=str)
 def test_who_is_ordered_down_from_a_pile_moves_aside_first(agents: tuple[int, ...]) -> None:
     """One, or all."""
     swarm, _ = piled()

@@ -14,7 +14,7 @@ from tests.on_demand import on_demand
 from tests.scenarios.swarm import VirtualSwarm, at_step
 from tests.scenarios.test_steps import TAKEOFF, THIRD, quartet, shape_error_m
 
-ORDERS = ("land", "return", "kill")
+ORDERS = (on_demand("land"), "return", "kill")
 
 
 def policy(left_by_order: Policy) -> str:
@@ -70,7 +70,7 @@ def test_the_others_go_on(kind: str) -> None:
     assert not [e.text for e in swarm.events if e.agent != 3 and e.level != "info"]
 
 
-@pytest.mark.parametrize(("first", "second"), [("land", "kill"), ("return", "land")])
+@pytest.mark.parametrize(("first", "second"), [on_demand("land", "kill"), ("return", "land")])
 def test_another_order_to_one_that_has_left_is_not_the_others_concern(
     first: str, second: str
 ) -> None:
@@ -103,7 +103,7 @@ def test_the_others_hold_until_resume() -> None:
     assert_others_complete(swarm)
 
 
-@pytest.mark.parametrize("policy_of", [Policy.LAND, Policy.RETURN])
+@pytest.mark.parametrize("policy_of", [on_demand(Policy.LAND), Policy.RETURN])
 def test_the_others_leave_as_well_by_policy(policy_of: Policy) -> None:
     """Aborted by the operator, not failed."""
     swarm = in_third(quartet("hold: {duration_s: 60}", "land", head=policy(policy_of)))

@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from swarm_ctl.core.model.messages import Phase, Severity
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
+from tests.on_demand import on_demand
 from tests.scenarios.swarm import VirtualSwarm, at_step
 from tests.scenarios.test_steps import assert_good
 
@@ -233,7 +234,8 @@ def test_a_pilot_is_not_fought_by_a_landing_that_was_about_to_begin() -> None:
 
 
 @pytest.mark.parametrize(
-    ("autopilot", "at"), [("ardupilot", TAKEOFF), ("ardupilot", HOLD), ("px4", HOLD), ("px4", LAND)]
+    ("autopilot", "at"),
+    [("ardupilot", TAKEOFF), on_demand("ardupilot", HOLD), on_demand("px4", HOLD), ("px4", LAND)],
 )
 def test_disarmed_in_the_air(autopilot: str, at: int) -> None:
     """In the controlled mode, in the climb, or on its way down: failed within 1.5 s, by that

@@ -11,6 +11,7 @@ from swarm_ctl.core.law.formation import formation_error
 from swarm_ctl.core.model.messages import AgentStatus, Outcome
 from swarm_ctl.core.model.steps.goto import GotoStep
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
+from tests.on_demand import on_demand
 from tests.scenarios.swarm import VirtualSwarm, at_step, landing_fast
 
 HEAD = """\
@@ -151,7 +152,7 @@ def test_a_group_that_returns_is_waited_for_by_none() -> None:
     assert shape_error_m(swarm, (*EAST, *REST)) < 1.0
 
 
-@pytest.mark.parametrize("agent", [3, 5])
+@pytest.mark.parametrize("agent", [3, on_demand(5)])
 def test_an_agent_that_starts_again_comes_back_to_its_group(agent: int) -> None:
     """In the middle of a split, a member of a group of two and one of the rest."""
     swarm = at_step(parted(), SPLIT)

@@ -120,7 +120,7 @@ FULL: list[Payload] = [
 ]
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.sampled_from(FULL).flatmap(odd_fields))
 def test_no_word_raises_in_a_station(payload: Payload) -> None:
     """Whatever is in range or not: the picture and all alarms are made, and figures are finite."""
