@@ -1,7 +1,9 @@
-"""A disk that is full in flight: recordings end, the operator is told, nothing else changes."""
+"""Where nothing can be written: a disk that is full in flight ends recordings, the operator is told,
+nothing else changes; nor where nobody reads what `run` prints."""
 
 from __future__ import annotations
 
+import os
 import resource
 import subprocess
 from pathlib import Path
@@ -61,3 +63,29 @@ def test_the_disk_is_full_at_the_start(tmp_path: Path) -> None:
     assert done.stderr.startswith("error: runs/")
     assert done.stderr.endswith(said)
     assert not list((tmp_path / "runs").iterdir())
+
+
+def test_a_closed_output_does_not_end_the_flight(tmp_path: Path) -> None:
+    """`swarm-ctl run ... | head -1`: the reader goes away in flight, the mission goes on to its
+    end."""
+    read, write = os.pipe()
+    process = subprocess.Popen(
+        [str(SWARM_CTL), "run", str(LOW), "--speedup", "max", "--headless", "--no-report"],
+        cwd=tmp_path,
+        stdout=write,
+        stderr=subprocess.DEVNULL,
+        stdin=subprocess.DEVNULL,
+    )
+    os.close(write)
+    try:
+        said = b""
+        while b"starting" not in said:
+            said += os.read(read, 100)
+        os.close(read)
+        assert process.wait(240) == 0
+        (folder,) = (tmp_path / "runs").iterdir()
+        assert '"outcome": "completed"' in (folder / "summary.json").read_text()
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
