@@ -1,5 +1,5 @@
-"""Where nothing can be written: a disk that is full in flight ends recordings, the operator is told,
-nothing else changes; nor where nobody reads what `run` prints."""
+"""Where nothing can be written: a disk that is full ends recordings, a reader that is gone the
+output. The operator is told, and nothing else changes."""
 
 from __future__ import annotations
 
