@@ -53,6 +53,16 @@ def test_a_target_on_a_circle_is_where_it_is(speed: float, turns: float, later_s
     assert abs(known.velocity - velocity) < 0.05 + 0.05 * speed + bent
 
 
+def test_words_without_velocity_tell_it_by_their_places() -> None:
+    tracker = Tracker("boat")
+    for k in range(6):
+        tracker.hear(word(k * EVERY_S, 3.0 * k * EVERY_S * 1j))
+    known = tracker.now(1.0)
+    assert known is not None
+    assert known.velocity == pytest.approx(3j)
+    assert known.course == pytest.approx(1j)
+
+
 def test_a_jump_is_not_believed_and_is_named() -> None:
     tracker = tracked(5.0, 0.0)
     before = tracker.now(2.4)
