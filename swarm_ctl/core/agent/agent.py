@@ -67,7 +67,6 @@ _HINDRANCE_S = 30.0
 """A step that times out names what kept the vehicle from its place so long ago."""
 _LINGER_S = 2.0
 """After the end an agent goes on saying so, and gives the vehicle its parameters back."""
-_ROUNDING_S = 1e-6
 _GO_ON: Final = (CommandKind.READMIT, CommandKind.NEXT)
 """They end a command, as `resume` does."""
 _RELEASE_AT_MOST_S = 5.0
@@ -649,14 +648,14 @@ class Agent:
         """What is not sent every tick: the sigma report, the status, events, the end."""
         now, ended_s, controller = tick.now, self._vehicle.ended_s, self._controller
         lingers_s = _LINGER_S if inbox.view.released else _RELEASE_AT_MOST_S
-        ending = ended_s is not None and not 0.0 <= now - ended_s < lingers_s
-        if _due(now, self._sigma_due, _SIGMA_EVERY_S):
+        ending = ended_s is not None and now - ended_s >= lingers_s
+        if now >= self._sigma_due:
             self._sigma_due = now + _SIGMA_EVERY_S
             actions.sigma = controller.sigma_report(now)
             if actions.sigma is None and self._sigma_shown:
                 actions.sigma = SigmaReport(self._id, now, (0.0, 0.0), (0.0, 0.0), ())
             self._sigma_shown = actions.sigma is not None and bool(actions.sigma.pairs)
-        if ending or _due(now, self._status_due, STATUS_EVERY_S):
+        if ending or now >= self._status_due:
             self._status_due = now + STATUS_EVERY_S
             refused = inbox.refused(now)
             for text in self._refused_said.due(refused, now):
@@ -681,11 +680,6 @@ class Agent:
         actions.events = self._log.take()
         if ending:
             actions.ended = Ended(self._interruption.outcome, self._reason)
-
-
-def _due(now: float, due_s: float, waits_s: float) -> bool:
-    """It is time, or the clock was set back to before this wait began."""
-    return not due_s - waits_s - _ROUNDING_S <= now < due_s
 
 
 def ended(stages: Generator[None, None, Actions]) -> Actions:

@@ -315,8 +315,8 @@ class Landing:
         if tick.view.armed:
             self._disarmed_since = None
             return False
-        since = self._disarmed_since
-        self._disarmed_since = tick.now if since is None else min(since, tick.now)
+        if self._disarmed_since is None:
+            self._disarmed_since = tick.now
         return tick.view.on_ground or tick.now - self._disarmed_since > _DISARMED_S
 
     @property
@@ -368,6 +368,5 @@ def _stands(velocity_ned_mps: Vector3) -> bool:
 
 
 def _lately(at_s: float, now: float, seconds: float) -> bool:
-    """It was at most so long ago. One that lies ahead was told by a clock that was set back: it
-    waits for no time that went by before."""
-    return 0.0 <= now - at_s <= seconds
+    """It was at most so long ago."""
+    return now - at_s <= seconds

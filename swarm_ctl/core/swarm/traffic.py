@@ -113,8 +113,6 @@ class Traffic:
         seen = []
         for k, j in _near(at, told):
             peer, report, age_s = followed[j], reports[k], ages[j]
-            # a state from before the own clock was set back has an age less than 0, and explains
-            # less
             if abs(at[k] - peer.position) >= _SAME_AIRCRAFT_M + self._fastest_mps * age_s:
                 continue
             stops = peer.stop_point + peer.setpoint * min(age_s, predicted_s(peer))
