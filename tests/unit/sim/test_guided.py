@@ -77,12 +77,6 @@ def test_a_global_target_that_is_none_moves_nothing(persona: str, more: dict[str
     assert math.dist(flight.ned(), before) < 0.5
 
 
-def test_a_global_velocity_needs_no_place() -> None:
-    flight = hovering("ardupilot")
-    stream(flight, target(flight, 0.0, 0.0, math.nan, 6, type_mask=3527, vx=2.0), 5.0)
-    assert flight.velocity()[0] == pytest.approx(2.0, abs=0.1)
-
-
 def item(at: GeodeticPoint, up: float, **more: Any) -> dict[str, Any]:
     """A guided item, as dronekit's `simple_goto` sends it."""
     numbers = dict.fromkeys(("param1", "param2", "param3", "param4"), 0.0)
@@ -105,16 +99,6 @@ def test_an_item_that_is_no_part_of_a_list_is_flown_at_once_by_arducopter_in_gui
     ]
     assert answer.fields["type"] == 1
     assert flight.tell(0, "MISSION_ITEM", **item(there, math.nan)) == []
-
-
-def test_px4_has_no_such_items() -> None:
-    flight = hovering("px4")
-    assert (
-        flight.tell(
-            0, "MISSION_ITEM", **item(GeodeticPoint(ORIGIN.lat_deg, ORIGIN.lon_deg, 0.0), 12.0)
-        )
-        == []
-    )
 
 
 @pytest.mark.parametrize(

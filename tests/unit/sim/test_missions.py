@@ -99,51 +99,6 @@ def test_what_goes_up_comes_down(persona: Persona, kind: int) -> None:
 
 
 @BOTH
-def test_old_clients_ask_and_send_in_floats(persona: Persona) -> None:
-    rig = ready(persona)
-    rig.tell("MISSION_COUNT", **TO, count=2, mission_type=0)
-    for seq in range(2):
-        old = item(WAYPOINT, 10.0, 10.0, 7.0) | {"frame": 3}
-        old |= {"x": old["x"] * 1e-7, "y": old["y"] * 1e-7}
-        rig.tell("MISSION_ITEM", **TO, **old, seq=seq, mission_type=0)
-    assert [m["type"] for m in rig.heard("MISSION_ACK")] == [0]
-    (_, second) = download(rig, name="MISSION_REQUEST")
-    assert (second["x"], second["y"]) == pytest.approx((old["x"], old["y"]), abs=1e-6)
-
-
-def test_each_firmware_asks_with_the_message_its_clients_know() -> None:
-    """Both begin with the older one; PX4 goes over to integers, and back, as its client does."""
-    for persona, then in (
-        (ArdupilotPersona, "MISSION_REQUEST"),
-        (Px4Persona, "MISSION_REQUEST_INT"),
-    ):
-        rig = ready(persona)
-        answers = ("MISSION_ITEM_INT", "MISSION_ITEM", "MISSION_ITEM_INT")
-        for expected, answer in zip(
-            ("MISSION_REQUEST", then, "MISSION_REQUEST"), answers, strict=True
-        ):
-            rig.said.clear()
-            rig.tell("MISSION_COUNT", **TO, count=1, mission_type=0)
-            assert [(m.name, m.fields["seq"]) for m in rig.said] == [(expected, 0)]
-            rig.tell(answer, **TO, **item(WAYPOINT) | {"frame": 3}, seq=0, mission_type=0)
-            assert rig.heard("MISSION_ACK")[-1]["type"] == 0
-
-
-def test_px4_asks_otherwise_when_its_client_does_not_know_the_request() -> None:
-    """MAVSDK takes no MISSION_REQUEST from PX4, and says so."""
-    rig = ready(Px4Persona)
-    rig.tell("MISSION_COUNT", **TO, count=2, mission_type=0)
-    for expected in ("MISSION_REQUEST_INT", "MISSION_REQUEST"):
-        rig.said.clear()
-        rig.tell("MISSION_ACK", **TO, type=3, mission_type=0)
-        assert [(m.name, m.fields["seq"]) for m in rig.said] == [(expected, 0)]
-    rig.said.clear()
-    rig.tell("MISSION_ACK", (9, 9), **TO, type=3, mission_type=0)
-    rig.tell("MISSION_ACK", **TO, type=0, mission_type=0)
-    assert {m.name for m in rig.said} == {"STATUSTEXT"}, "the other partner"
-
-
-@BOTH
 def test_an_item_that_does_not_come_is_asked_for_again_then_the_upload_forgotten(
     persona: Persona,
 ) -> None:
@@ -161,73 +116,6 @@ def test_an_item_that_does_not_come_is_asked_for_again_then_the_upload_forgotten
     rig.run(5.0)
     assert not [m for m in rig.said if m.name.startswith("MISSION_REQUEST")]
     assert len(download(rig)) == 5, "the old list stays"
-
-
-def test_a_part_of_a_list_is_replaced_by_arducopter() -> None:
-    rig = ready(ArdupilotPersona)
-    upload(rig, [HOME, *ROUND])
-    before = download(rig)
-    rig.said.clear()
-    rig.tell("MISSION_WRITE_PARTIAL_LIST", **TO, start_index=2, end_index=3, mission_type=0)
-    for seq in (2, 3):
-        assert rig.heard("MISSION_REQUEST")[-1]["seq"] == seq
-        new = item(WAYPOINT, 7.0, 7.0, 3.0)
-        rig.tell("MISSION_ITEM_INT", **TO, **new, seq=seq, mission_type=0)
-    assert [m["type"] for m in rig.heard("MISSION_ACK")] == [0]
-    after = download(rig)
-    assert [a == b for a, b in zip(after, before, strict=True)] == [True, True, False, False, True]
-    rig.tell("MISSION_COUNT", **TO, count=3, mission_type=0)
-    rig.said.clear()
-    part = {"start_index": 0, "end_index": 0, "mission_type": 0}
-    rig.tell("MISSION_WRITE_PARTIAL_LIST", (254, 190), **TO, **part)
-    assert [m["type"] for m in rig.heard("MISSION_ACK")] == [MissionResult.DENIED], "another's"
-
-
-@BOTH
-@pytest.mark.parametrize(
-    ("bad", "answer"),
-    [
-        (item(91), MissionResult.UNSUPPORTED),
-        (item(WAYPOINT) | {"frame": 1}, MissionResult.UNSUPPORTED_FRAME),
-        (item(WAYPOINT) | {"z": math.nan}, MissionResult.INVALID),
-        (item(5001), MissionResult.UNSUPPORTED),
-        (item(4999), MissionResult.UNSUPPORTED),
-    ],
-)
-def test_what_can_not_be_flown_is_refused_and_the_old_list_kept(
-    persona: Persona, bad: dict[str, Any], answer: MissionResult
-) -> None:
-    rig = ready(persona)
-    assert upload(rig, [HOME, *ROUND]) == [0]
-    assert upload(rig, [HOME, bad]) == [answer]
-    assert len(download(rig)) == 5
-
-
-@BOTH
-def test_clearing_and_what_is_not_there(persona: Persona) -> None:
-    rig = ready(persona)
-    upload(rig, [HOME, *ROUND])
-    upload(rig, [item(5100, 5.0, 5.0)], 2)
-    rig.said.clear()
-    rig.tell("MISSION_CLEAR_ALL", **TO, mission_type=0)
-    assert [m["type"] for m in rig.heard("MISSION_ACK")] == [0]
-    assert download(rig) == []
-    assert len(download(rig, 2)) == 1
-    rig.tell("MISSION_ACK", **TO, type=0, mission_type=2)
-    rig.tell("MISSION_CLEAR_ALL", **TO, mission_type=255)
-    kept = persona is ArdupilotPersona  # each by itself alone
-    assert len(download(rig, 2)) == kept
-
-
-@BOTH
-def test_file_transfer_is_refused_at_once(persona: Persona) -> None:
-    rig = ready(persona)
-    payload = [7, 0, 0, 4, 0, 0, 0, 0] + [0] * 243
-    rig.said.clear()
-    rig.tell("FILE_TRANSFER_PROTOCOL", target_network=0, **TO, payload=payload)
-    (answer,) = rig.heard("FILE_TRANSFER_PROTOCOL")
-    assert (answer["payload"][0], answer["payload"][3], answer["payload"][5]) == (8, 129, 4)
-    assert len(answer["payload"]) == 251
 
 
 class Mission(Flight):
@@ -281,17 +169,6 @@ def test_upload_start_finished(persona: str) -> None:
     assert farthest == pytest.approx(20.0, abs=2.5)
     assert flight.ned() == pytest.approx([0.0, 0.0, 0.0], abs=0.5)
     assert flight.current()["mission_state"] == 5
-
-
-@NAMES
-def test_a_mission_that_ends_in_the_air_hovers_there(persona: str) -> None:
-    flight = Mission(persona, ROUND[:3])
-    flight.start()
-    flight.run(60.0)
-    assert flight.ned() == pytest.approx([20.0, 15.0, -8.0], abs=1.0)
-    assert flight.world.armed() == [True]
-    if persona == "px4":
-        assert flight.world.vehicles[0].firmware.mode.custom == 4 << 16 | 3 << 24
 
 
 @NAMES

@@ -11,15 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm_sim.firmware.ardupilot_persona import ArdupilotPersona
-from swarm_sim.firmware.message import MavResult, MavSeverity
-from swarm_sim.firmware.parameters import (
-    ARDUPILOT_DEFAULTS,
-    BYTEWISE,
-    CAST,
-    PX4_DEFAULTS,
-    SIM_DEFAULTS,
-    ParamType,
-)
+from swarm_sim.firmware.message import MavResult
+from swarm_sim.firmware.parameters import BYTEWISE, CAST, ParamType
 from swarm_sim.firmware.protocol.telemetry import MESSAGES, readings
 from swarm_sim.firmware.px4_persona import Px4Persona
 from swarm_sim.firmware.streams import Streams
@@ -48,31 +41,6 @@ def quiet(persona: Persona) -> Rig:
     rig.run(3.0)
     rig.said.clear()
     return rig
-
-
-@BOTH
-def test_heartbeat_once_a_second_says_firmware_mode_and_state(persona: Persona) -> None:
-    rig = Rig(persona)
-    rig.run(9.9)
-    beats = rig.heard("HEARTBEAT")
-    assert len(beats) == 10
-    assert all(b["type"] == 2 and b["autopilot"] == persona.autopilot for b in beats)
-    assert beats[-1]["base_mode"] & 1
-    assert not beats[-1]["base_mode"] & 128
-    assert rig.ask(ARM, 1) == MavResult.ACCEPTED
-    rig.run(1.1)
-    assert rig.heard("HEARTBEAT")[-1]["base_mode"] & 128
-
-
-def test_arducopter_streams_nothing_unasked_and_px4_does() -> None:
-    rig = Rig(ArdupilotPersona)
-    rig.run(10.0)
-    assert {m.name for m in rig.said} == {"HEARTBEAT", "GPS_GLOBAL_ORIGIN", "HOME_POSITION"}
-    rig = Rig(Px4Persona)
-    rig.run(10.0)
-    assert {"ATTITUDE", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "SYS_STATUS"} <= {
-        m.name for m in rig.said
-    }
 
 
 @BOTH
@@ -120,46 +88,6 @@ def test_health_tells_when_it_would_arm(persona: Persona) -> None:
     assert status["onboard_control_sensors_health"] & (prearm | 0x2F) == prearm | 0x2F
 
 
-@BOTH
-@pytest.mark.parametrize(
-    ("p", "answer"),
-    [
-        ((32, 50_000.0), MavResult.ACCEPTED),
-        ((32, 1_000.0), MavResult.DENIED),
-        ((9999, 50_000.0), MavResult.DENIED),
-        ((32, -1.0), MavResult.ACCEPTED),
-        ((math.nan, 1e6), MavResult.DENIED),
-        ((32, math.inf), MavResult.DENIED),
-    ],
-)
-def test_message_intervals(persona: Persona, p: tuple[float, float], answer: MavResult) -> None:
-    if answer is MavResult.DENIED and p[0] != 32 and persona is Px4Persona:
-        answer = MavResult.FAILED
-    assert quiet(persona).ask(INTERVAL, *p) == answer
-
-
-@BOTH
-@pytest.mark.parametrize(("rate_hz", "expected"), [(20.0, 100), (10.0, 51), (4.0, 21), (1.0, 6)])
-def test_streams_come_at_their_rate(persona: Persona, rate_hz: float, expected: int) -> None:
-    """In 5 s: the first at once, the others at whole multiples of the interval."""
-    rig = quiet(persona)
-    rig.ask(INTERVAL, 30, 1e6 / rate_hz)
-    rig.run(5.0)
-    assert len(rig.heard("ATTITUDE")) == expected
-    rig.ask(INTERVAL, 30, -1.0)
-    rig.run(1.0)
-    assert not rig.heard("ATTITUDE")
-
-
-def test_interval_zero_is_the_default_rate() -> None:
-    rig = quiet(Px4Persona)
-    rig.ask(INTERVAL, 1, 0.0)
-    assert rig.firmware.streams.interval_s["SYS_STATUS"] == Px4Persona.boot_streams["SYS_STATUS"]
-    rig = quiet(ArdupilotPersona)
-    rig.ask(INTERVAL, 32, 0.0)
-    assert rig.firmware.streams.interval_s.get("LOCAL_POSITION_NED") is None
-
-
 @given(
     interval=st.floats(0.0025, 5.0), steps=st.lists(st.floats(0.001, 0.2), min_size=20, max_size=60)
 )
@@ -176,19 +104,6 @@ def test_a_stream_is_never_early_and_never_bursts(interval: float, steps: list[f
     assert streams.next_s > now - 1e-6
 
 
-def test_data_streams_override_message_intervals() -> None:
-    rig = quiet(ArdupilotPersona)
-    rig.ask(INTERVAL, 32, 50_000.0)
-    ask: dict[str, Any] = {"target_system": 1, "target_component": 1, "start_stop": 1}
-    rig.tell("REQUEST_DATA_STREAM", **ask, req_stream_id=0, req_message_rate=4)
-    assert rig.firmware.streams.interval_s["LOCAL_POSITION_NED"] == 0.25
-    assert rig.firmware.streams.interval_s["ATTITUDE"] == 0.25
-    rig.tell("REQUEST_DATA_STREAM", **ask | {"start_stop": 0}, req_stream_id=6, req_message_rate=4)
-    assert rig.firmware.streams.interval_s.get("LOCAL_POSITION_NED") is None
-    assert rig.firmware.streams.interval_s["ATTITUDE"] == 0.25
-    assert rig.firmware.streams.interval_s["HEARTBEAT"] == 1.0
-
-
 @BOTH
 def test_every_message_can_be_requested_and_unknown_ones_fail(persona: Persona) -> None:
     rig = quiet(persona)
@@ -200,32 +115,6 @@ def test_every_message_can_be_requested_and_unknown_ones_fail(persona: Persona) 
         assert len(rig.heard(name)) == there, name
     unknown = {ArdupilotPersona: MavResult.FAILED, Px4Persona: MavResult.DENIED}[persona]
     assert rig.ask(REQUEST, 9999) == unknown
-
-
-@BOTH
-def test_an_interval_can_be_asked_for(persona: Persona) -> None:
-    """By GET_MESSAGE_INTERVAL, of both; by REQUEST_MESSAGE, of ArduCopter."""
-    rig = quiet(persona)
-    rig.ask(INTERVAL, 30, 1e5)
-    for number, us, found in ((30, 100_000, True), (32, -1, True), (9999, 0, False)):
-        refused = {ArdupilotPersona: MavResult.FAILED, Px4Persona: MavResult.ACCEPTED}[persona]
-        assert rig.ask(510, number) == (MavResult.ACCEPTED if found else refused)
-        assert rig.heard("MESSAGE_INTERVAL") == [{"message_id": number, "interval_us": us}]
-        if persona is ArdupilotPersona:
-            assert rig.ask(REQUEST, 244, number) == (MavResult.ACCEPTED if found else refused)
-            assert rig.heard("MESSAGE_INTERVAL") == [{"message_id": number, "interval_us": us}]
-
-
-@BOTH
-def test_home_at_zero_is_here_for_arducopter_and_in_the_atlantic_for_px4(persona: Persona) -> None:
-    rig = quiet(persona)
-    rig.move(position_ned_m=(3.0, 4.0, 0.0))
-    assert rig.ask(179, 0) == MavResult.ACCEPTED
-    home = rig.firmware.geodetic(rig.firmware.home_ned)
-    if persona is ArdupilotPersona:
-        assert rig.firmware.home_ned == (3.0, 4.0, 0.0)
-    else:
-        assert (home.lat_deg, home.lon_deg) == pytest.approx((0.0, 0.0), abs=1e-3)
 
 
 @BOTH
@@ -243,101 +132,12 @@ def test_a_take_off_that_is_ordered_again_goes_on(persona: Persona) -> None:
     assert -flight.ned()[2] == pytest.approx(10.0, abs=0.5)
 
 
-@BOTH
-def test_traffic_is_one_message_a_vehicle(persona: Persona) -> None:
-    rig = quiet(persona)
-    rig.contacts += [
-        (7, (10.0, 20.0, -30.0), (3.0, 4.0, -1.0)),
-        (9, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
-    ]
-    rig.ask(INTERVAL, 246, 1e6)
-    rig.run(0.5)
-    first, second = rig.heard("ADSB_VEHICLE")
-    assert (first["ICAO_address"], second["ICAO_address"]) == (7, 9)
-    assert (first["hor_velocity"], first["ver_velocity"], first["heading"]) == (500, 100, 5313)
-
-
-@BOTH
-def test_parameters_by_list_name_and_index_agree(persona: Persona) -> None:
-    rig = quiet(persona)
-    rig.tell("PARAM_REQUEST_LIST", target_system=1, target_component=1)
-    rig.run(1.0)
-    listed = rig.heard("PARAM_VALUE")
-    defaults = (ARDUPILOT_DEFAULTS if persona is ArdupilotPersona else PX4_DEFAULTS) | SIM_DEFAULTS
-    assert [v["param_id"].decode() for v in listed] == list(defaults)
-    assert [v["param_index"] for v in listed] == list(range(len(defaults)))
-    assert {v["param_count"] for v in listed} == {len(defaults)}
-    rig.said.clear()
-    name = listed[3]["param_id"].decode()
-    ask: dict[str, Any] = {"target_system": 1, "target_component": 1}
-    rig.tell("PARAM_REQUEST_READ", **ask, param_id=name, param_index=-1)
-    rig.tell("PARAM_REQUEST_READ", **ask, param_id="", param_index=3)
-    assert repr(rig.heard("PARAM_VALUE")) == repr([listed[3]] * 2)
-    rig.said.clear()
-    rig.tell("PARAM_REQUEST_READ", **ask, param_id="NO_SUCH", param_index=-1)
-    rig.tell("PARAM_REQUEST_READ", **ask, param_id="", param_index=9999)
-    assert not rig.said
-
-
-@pytest.mark.parametrize(
-    ("persona", "name", "wire", "value"),
-    [
-        (ArdupilotPersona, "FS_GCS_ENABLE", 5.0, 5.0),
-        (ArdupilotPersona, "GUID_TIMEOUT", 0.5, 0.5),
-        (Px4Persona, "COM_OBL_RC_ACT", struct.unpack("<f", struct.pack("<i", 4))[0], 4.0),
-        (Px4Persona, "COM_OF_LOSS_T", 0.5, 0.5),
-    ],
-)
-def test_parameters_are_set_in_the_persona_s_encoding(
-    persona: Persona, name: str, wire: float, value: float
-) -> None:
-    rig = quiet(persona)
-    rig.tell(
-        "PARAM_SET",
-        target_system=1,
-        target_component=1,
-        param_id=name,
-        param_value=wire,
-        param_type=6 if name == "COM_OBL_RC_ACT" else 9,
-    )
-    assert rig.firmware.parameters[name] == value
-    (told,) = rig.heard("PARAM_VALUE")
-    assert (told["param_id"], told["param_value"]) == (name.encode(), wire)
-
-
-@BOTH
-def test_a_parameter_never_becomes_nan(persona: Persona) -> None:
-    rig = quiet(persona)
-    name = "GUID_TIMEOUT" if persona is ArdupilotPersona else "COM_OF_LOSS_T"
-    before = rig.firmware.parameters[name]
-    rig.tell(
-        "PARAM_SET",
-        target_system=1,
-        target_component=1,
-        param_id=name,
-        param_value=math.nan,
-        param_type=9,
-    )
-    assert rig.firmware.parameters[name] == before
-    assert rig.heard("PARAM_VALUE")[0]["param_value"] == before
-
-
 @given(value=st.integers(-(2**31), 2**31 - 1))
 def test_bytewise_integers_survive_the_wire(value: int) -> None:
     (wire,) = struct.unpack("<f", struct.pack("<f", BYTEWISE.encode(ParamType.INT32, value)))
     if not math.isnan(wire):  # Python may quieten a signalling NaN; real links carry the bytes
         assert BYTEWISE.decode(ParamType.INT32, wire) == value
     assert CAST.decode(ParamType.INT16, 3.0) == 3.0
-
-
-@BOTH
-def test_time_sync_mirrors_the_question(persona: Persona) -> None:
-    rig = quiet(persona)
-    rig.tell("TIMESYNC", tc1=0, ts1=12345)
-    assert rig.heard("TIMESYNC") == [{"tc1": 3_000_000_000, "ts1": 12345}]
-    rig.said.clear()
-    rig.tell("TIMESYNC", tc1=99, ts1=12345)
-    assert not rig.said
 
 
 @BOTH
@@ -358,26 +158,6 @@ def test_reboot_falls_silent_then_starts_afresh_with_its_parameters(persona: Per
         rig.firmware.parameters["GUID_TIMEOUT" if persona is ArdupilotPersona else "COM_OF_LOSS_T"]
         == 0.25
     )
-
-
-@BOTH
-def test_long_texts_come_in_chunks(persona: Persona) -> None:
-    rig = quiet(persona)
-    rig.firmware.text(MavSeverity.INFO, "x" * 50 + "y" * 10)
-    rig.run(0.05)
-    parts = rig.heard("STATUSTEXT")
-    assert [(p["text"], p["chunk_seq"]) for p in parts] == [(b"x" * 50, 0), (b"y" * 10, 1)]
-    assert parts[0]["id"] == parts[1]["id"] != 0
-
-
-@BOTH
-def test_commands_for_the_same_thing_by_int_and_long(persona: Persona) -> None:
-    rig = quiet(persona)
-    fields = command_fields(ARM, 1)
-    for i, name in enumerate(("x", "y", "z")):
-        fields[name] = fields.pop(f"param{5 + i}")
-    rig.tell("COMMAND_INT", **fields, frame=0)
-    assert rig.firmware.armed
 
 
 numbers = st.floats(width=32) | st.sampled_from([math.nan, math.inf, -math.inf, 3.4e38, -3.4e38])
@@ -421,37 +201,3 @@ def test_the_fence_of_a_vehicle_that_has_none_is_told_as_the_autopilot_tells_it(
     assert bool(status["onboard_control_sensors_health"] & fence) is told
     assert bool(status["onboard_control_sensors_present"] & fence) is told
     assert not status["onboard_control_sensors_enabled"] & fence
-
-
-@pytest.mark.parametrize(
-    ("persona", "named"),
-    [
-        (ArdupilotPersona, {4: ("GUIDED", 0, 0), 9: ("LAND", 0, 0)}),
-        (
-            Px4Persona,
-            {6 << 16: ("Offboard", 0, 1), 3 << 16: ("", 1, 0), 4 << 16 | 6 << 24: ("", 7, 1)},
-        ),
-    ],
-)
-def test_available_modes_are_those_that_can_be_set(
-    persona: Persona, named: dict[int, tuple[str, int, int]]
-) -> None:
-    """All of them for index 0, or one; a ground station offers no other. Standard modes of PX4 go
-    without a name, as it sends them."""
-    rig = quiet(persona)
-    assert rig.ask(REQUEST, 435, 0) == MavResult.ACCEPTED
-    told = rig.heard("AVAILABLE_MODES")
-    assert [each["mode_index"] for each in told] == list(range(1, len(told) + 1))
-    assert {each["number_modes"] for each in told} == {len(told)}
-    assert {each["custom_mode"] for each in told} == set(persona.modes)
-    found = {
-        each["custom_mode"]: (each["mode_name"].decode(), each["standard_mode"], each["properties"])
-        for each in told
-    }
-    assert named.items() <= found.items()
-    rig.said.clear()
-    assert rig.ask(REQUEST, 435, 2) == MavResult.ACCEPTED
-    assert rig.heard("AVAILABLE_MODES") == told[1:2]
-    for wrong in (-1, len(told) + 1, 1.5, math.nan):
-        answer = {ArdupilotPersona: MavResult.ACCEPTED, Px4Persona: MavResult.DENIED}[persona]
-        assert rig.ask(REQUEST, 435, wrong) == answer

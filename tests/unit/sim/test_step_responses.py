@@ -122,31 +122,6 @@ def test_px4_follows_sines_as_the_real_one(hertz: float, gain: float, phase_deg:
     assert np.degrees(np.angle(found)) == pytest.approx(phase_deg, abs=21)
 
 
-@pytest.mark.parametrize(
-    ("label", "t10", "t63", "t90", "peak"),
-    [
-        ("vx 0->1", 0.33, 0.74, 1.29, 1.44),
-        ("vx 0->3", 0.47, 1.08, 1.66, 2.8),
-        ("vz 0->-1", 0.28, 0.79, 1.04, 1.13),
-    ],
-)
-def test_arducopter_times_are_the_measured_ones(
-    label: str, t10: float, t63: float, t90: float, peak: float
-) -> None:
-    times, speeds = simulated(ArdupilotResponse(), label, 0.0)
-    share = speeds / float(label.split("->")[1])
-    reached = [times[np.argmax(share >= level)] for level in (0.1, 0.63, 0.9)]
-    assert reached == pytest.approx([t10, t63, t90], abs=0.13)
-    assert np.abs(np.gradient(speeds, times)).max() == pytest.approx(peak, rel=0.1)
-
-
-def test_a_coarse_time_step_keeps_the_fit() -> None:
-    """Studies step at the control tick."""
-    _, fine = simulated(ArdupilotResponse(), "vx 0->3", 0.0, dt=0.01)
-    _, coarse = simulated(ArdupilotResponse(), "vx 0->3", 0.0, dt=0.05)
-    assert np.sqrt(np.mean((fine[::5] - coarse) ** 2)) < 0.05 * 3.0
-
-
 # --- larger steps than were recorded: in any direction, many at once ---
 
 MANY = 200

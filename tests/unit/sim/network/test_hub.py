@@ -3,7 +3,6 @@ leaves."""
 
 from __future__ import annotations
 
-import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -87,33 +86,6 @@ def test_answers_go_to_the_asking_client_alone_and_texts_to_all() -> None:
     assert [m.get_type() for m in clients.heard(B)] == ["STATUSTEXT"]
 
 
-def test_a_vehicle_hears_only_its_own_port() -> None:
-    clients = Clients(2)
-    clients.command(1, A, 400, 1.0)
-    assert [v.firmware.armed for v in clients.hub.world.vehicles] == [False, True]
-    assert {m.get_srcSystem() for m in clients.heard(A)} == {2}
-
-
-def test_the_sequence_has_no_gap() -> None:
-    clients = Clients()
-    clients.tell(0, A, HELLO)
-    clients.command(0, A, 511, 30, 2e4)
-    clients.run(10.0)
-    numbers = [m.get_seq() for m in clients.heard(A)]
-    assert len(numbers) > 400
-    assert all((b - a) % 256 == 1 for a, b in itertools.pairwise(numbers))
-
-
-def test_frames_of_one_step_share_a_datagram_within_a_packet_s_size() -> None:
-    clients = Clients()
-    clients.tell(0, A, mavlink.MAVLink_param_request_list_message(1, 1))
-    clients.run(1.0)
-    assert max(map(len, clients.datagrams[A])) <= 1400
-    values = [m for m in clients.heard(A) if m.get_type() == "PARAM_VALUE"]
-    assert len(values) == values[0].param_count
-    assert len(clients.datagrams[A]) < len(values) / 5
-
-
 def test_a_new_client_takes_the_place_of_one_that_is_silent_and_of_no_other() -> None:
     """40 ground stations at once take no place from those that are there."""
     clients = Clients()
@@ -130,14 +102,6 @@ def test_a_new_client_takes_the_place_of_one_that_is_silent_and_of_no_other() ->
     clients.run(2.0)
     assert ("127.0.0.1", 1) not in clients.datagrams
     assert {("127.0.0.1", 0), ("127.0.0.1", 99)} <= set(clients.datagrams)
-
-
-def test_a_datagram_of_garbage_and_frames_serves_the_frames() -> None:
-    clients = Clients()
-    frame = bytes(mavlink.MAVLink_set_mode_message(1, 1, GUIDED).pack(clients._mav))
-    clients.hub.receive(0, b"\xfd\x09garbage" + frame, A)
-    assert clients.hub.world.vehicles[0].firmware.mode.custom == GUIDED
-    assert clients.hub.codecs[0].bad == 1
 
 
 def read(path: Path) -> list[dict[str, Any]]:
@@ -183,23 +147,6 @@ def test_truth_is_readable_at_any_time_and_says_what_the_brief_says(tmp_path: Pa
     assert read(path)[-1] == {"type": "end", "t": clients.hub.world.time_s}
 
 
-def test_minima_are_written_only_when_they_shrink(tmp_path: Path) -> None:
-    path = tmp_path / "truth.jsonl"
-    clients = Clients(2, spacing_m=4.0)
-    clients.hub.recorder = TruthRecorder(
-        clients.hub.world, config(2, spacing_m=4.0), TruthFile(path)
-    )
-    clients.command(0, A, 176, 1, GUIDED)
-    clients.command(0, A, 400, 1)
-    clients.command(0, A, 22, 0, 0, 0, 0, 0, 0, 3.0)
-    clients.run(15.0)
-    clients.hub.recorder.close()
-    lines = [line for line in read(path) if line["type"] == "min"]
-    distances = [line["pairs"][0][2] for line in lines]
-    assert len(lines) < 10
-    assert distances == sorted(distances, reverse=True)
-
-
 def _two_channels(persona: str) -> Clients:
     """One vehicle with a further endpoint, which is link 1."""
     clients = Clients(1, persona=persona)
@@ -236,17 +183,6 @@ def test_each_channel_counts_its_own_frames_so_that_no_client_sees_a_gap() -> No
     assert "PARAM_VALUE" not in [m.get_type() for m in clients.heard(A)]
     parameters = len(clients.hub.world.vehicles[0].firmware.parameters)
     assert [m.get_type() for m in clients.heard(B)].count("PARAM_VALUE") == parameters
-
-
-def test_two_channels_get_the_whole_parameter_list_each_at_the_same_time() -> None:
-    clients = _two_channels("px4")
-    for link, at in ((0, A), (1, B), (0, A)):
-        clients.tell(link, at, mavlink.MAVLink_param_request_list_message(1, 1))
-    clients.run(10.0)
-    parameters = len(clients.hub.world.vehicles[0].firmware.parameters)
-    for at in (A, B):
-        heard = {m.param_index for m in clients.heard(at) if m.get_type() == "PARAM_VALUE"}
-        assert len(heard) == parameters
 
 
 def test_a_further_channel_sends_heartbeats_alone_until_a_client_speaks_on_it() -> None:
@@ -286,15 +222,6 @@ def test_one_that_signs_takes_the_place_of_one_that_does_not(persona: str) -> No
     assert len(clients.hub._clients[0]) <= MAX_CLIENTS
 
 
-def test_one_that_only_listens_hears_a_signed_vehicle() -> None:
-    """As the relay to ground control software does."""
-    clients, _ = signed_clients("ardupilot")
-    clients.hub.receive(0, b"", A)
-    clients.run(2.0)
-    assert "HEARTBEAT" in [message.get_type() for message in clients.heard(A)]
-    assert all(data[2] == 1 for data in clients.datagrams[A])
-
-
 STRANGER, AGENT = ("10.89.1.7", 5), ("10.89.1.2", 6)
 
 
@@ -314,18 +241,6 @@ def test_from_another_computer_a_signed_vehicle_is_heard_only_with_its_key(perso
     clients.hub.receive(0, bytes(HELLO.pack(codec)), AGENT)
     clients.run(2.0)
     assert set(clients.datagrams) == {AGENT}
-
-
-def test_a_client_without_the_key_hears_nothing_more_once_a_vehicle_has_one() -> None:
-    clients = Clients()
-    clients.tell(0, STRANGER, HELLO)
-    clients.run(2.0)
-    assert STRANGER in clients.datagrams
-    clients.hub._signing[0].set_up(KEY, 10**9)
-    clients.run(1.5)
-    clients.datagrams.clear()
-    clients.run(2.0)
-    assert not clients.datagrams
 
 
 def test_a_client_that_falls_silent_is_dropped_and_one_that_speaks_is_not() -> None:

@@ -85,13 +85,6 @@ def test_udpout_speaks_first() -> None:
             assert take(port) == b"answer"
 
 
-def test_udpin_waits_to_be_spoken_to() -> None:
-    port = open_socket("udpin:127.0.0.1:0")
-    assert isinstance(port, UdpSocket)
-    with contextlib.closing(port):
-        assert port.peers() == []
-
-
 @given(data=st.data())
 def test_a_stream_cut_anywhere_gives_all_its_frames(data: st.DataObject) -> None:
     text = data.draw(st.binary(max_size=20).filter(lambda b: not {0xFD, 0xFE} & set(b)))

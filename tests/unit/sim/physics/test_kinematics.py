@@ -10,18 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from swarm_sim.physics.kinematics import (
-    GRAVITY_MPS2,
-    Array,
-    Demands,
-    MotionState,
-    VelocityResponse,
-    advance,
-)
+from swarm_sim.physics.kinematics import Array, Demands, MotionState, VelocityResponse, advance
 from swarm_sim.physics.response import ArdupilotResponse, IdealResponse, Px4Response
 
 DT = 0.01
-RESPONSES: list[VelocityResponse] = [IdealResponse(), ArdupilotResponse(), Px4Response()]
 REAL: list[ArdupilotResponse | Px4Response] = [ArdupilotResponse(), Px4Response()]
 
 N = 32
@@ -43,25 +35,6 @@ def hovering(
 def run(state: MotionState, demands: Demands, response: VelocityResponse, seconds: float) -> None:
     for _ in range(round(seconds / DT)):
         advance(state, demands, response, DT)
-
-
-@pytest.mark.parametrize("response", RESPONSES)
-def test_what_hovers_stays_exactly_where_it_is(response: VelocityResponse) -> None:
-    state, demands = hovering(response)
-    run(state, demands, response, 10.0)
-    assert state.position[0].tolist() == [0.0, 0.0, -1e5]
-
-
-@pytest.mark.parametrize("response", RESPONSES)
-def test_what_stands_stays_whatever_is_asked_but_a_climb(response: VelocityResponse) -> None:
-    state = MotionState.at_rest(np.zeros((3, 3)), response)
-    demands = Demands.idle(state)
-    demands.velocity[:] = [3.0, -2.0, 1.0]
-    demands.lift[1] = True  # asked to descend
-    demands.velocity[2, 2] = -1.0  # asked to climb without motors
-    run(state, demands, response, 1.0)
-    assert not state.position.any()
-    assert state.landed.all()
 
 
 @pytest.mark.parametrize("response", REAL)
@@ -119,53 +92,6 @@ def test_arducopter_shapes_its_target_within_acceleration_and_jerk(sequence: Arr
             before = shaped
 
 
-@pytest.mark.parametrize("response", RESPONSES)
-@settings(max_examples=20)
-@given(
-    target=arrays(np.float64, 3, elements=st.floats(-3.0, 3.0)),
-    bearing=st.floats(-math.pi, math.pi),
-)
-def test_no_horizontal_direction_is_special(
-    response: VelocityResponse, target: Array, bearing: float
-) -> None:
-    c, s = math.cos(bearing), math.sin(bearing)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    state, demands = hovering(response, n=2)
-    demands.velocity[0], demands.velocity[1] = target, turn @ target
-    run(state, demands, response, 2.0)
-    np.testing.assert_allclose(state.velocity[1], turn @ state.velocity[0], atol=1e-9)
-
-
-@pytest.mark.parametrize("response", RESPONSES)
-@settings(max_examples=10)
-@given(data=st.data())
-def test_batches_of_any_shape_give_what_single_vehicles_give(
-    response: VelocityResponse, data: st.DataObject
-) -> None:
-    wanted = data.draw(arrays(np.float64, (2, 3, 3), elements=st.floats(-4.0, 4.0)))
-    place = data.draw(arrays(np.float64, (2, 3, 3), elements=st.floats(-50.0, 50.0)))
-    batch = MotionState.at_rest(place, response)
-    demands = Demands.idle(batch)
-    demands.velocity[:] = wanted
-    demands.lift[:] = True
-    run(batch, demands, response, 1.0)
-    for i, j in np.ndindex(2, 3):
-        one = MotionState.at_rest(place[i, j][None], response)
-        alone = Demands.idle(one)
-        alone.velocity[0] = wanted[i, j]
-        alone.lift[:] = True
-        run(one, alone, response, 1.0)
-        np.testing.assert_allclose(batch.position[i, j], one.position[0], atol=1e-9)
-        np.testing.assert_allclose(batch.velocity[i, j], one.velocity[0], atol=1e-9)
-
-
-def test_ideal_is_the_single_integrator() -> None:
-    state, demands = hovering(IdealResponse())
-    demands.velocity[0] = [1.0, -2.0, 0.5]
-    run(state, demands, IdealResponse(), 2.0)
-    np.testing.assert_allclose(state.position[0], [2.0, -4.0, -1e5 + 1.0], rtol=1e-12)
-
-
 @pytest.mark.parametrize("response", REAL)
 def test_a_held_position_is_reached_without_overshoot_worth_the_name(
     response: VelocityResponse,
@@ -185,43 +111,6 @@ def test_a_held_position_is_reached_without_overshoot_worth_the_name(
         overshoot = np.maximum(overshoot, gone - length)
     np.testing.assert_allclose(state.position, start + goal, atol=0.1)
     assert (overshoot < 0.05 + 0.05 * length).all()
-
-
-@pytest.mark.parametrize("response", REAL)
-def test_without_motors_in_the_air_it_falls_and_stays_down(response: VelocityResponse) -> None:
-    state, demands = hovering(response, height_m=20.0)
-    demands.lift[:] = False
-    demands.velocity[:] = [2.0, 0.0, -2.0]
-    run(state, demands, response, 0.5)
-    assert state.velocity[0, 2] == pytest.approx(GRAVITY_MPS2 * 0.5, rel=0.1)
-    run(state, demands, response, 5.0)
-    assert state.landed[0]
-    assert state.position[0, 2] == 0.0
-    assert not state.velocity.any()
-
-
-@pytest.mark.parametrize("response", REAL)
-def test_never_below_the_ground(response: VelocityResponse) -> None:
-    state, demands = hovering(response, height_m=5.0)
-    demands.velocity[0] = [1.0, 0.0, 1.5]
-    lowest = -5.0
-    for _ in range(1500):
-        advance(state, demands, response, DT)
-        lowest = max(lowest, state.position[0, 2])
-    assert lowest == 0.0
-    assert state.landed[0]
-
-
-@pytest.mark.parametrize("response", REAL)
-def test_steady_wind_is_leant_against(response: VelocityResponse) -> None:
-    """The integral part finds the force that holds zero speed over ground; each vehicle has its own
-    wind, the first four the strongest."""
-    wind = np.random.default_rng(1).uniform(-4.0, 4.0, (N, 3)) * [1, 1, 0]
-    wind[:4, :2] = [[4.0, 4.0], [-4.0, 4.0], [4.0, -4.0], [-4.0, -4.0]]
-    state, demands = hovering(response, N)
-    state.wind[:] = wind
-    run(state, demands, response, 40.0)
-    assert np.abs(state.velocity).max() < 0.05
 
 
 def test_turns_to_its_heading_the_short_way() -> None:

@@ -15,7 +15,7 @@ from swarm_sim.config import SimConfig
 from swarm_sim.firmware.parameters import SIM_DEFAULTS
 from swarm_sim.world.faults import TICK_S
 from tests.scenarios.swarm import flown_once
-from tests.unit.sim.harness import ARM, GUIDED, LAND, SET_MODE, Flight, config, setpoint_fields
+from tests.unit.sim.harness import ARM, GUIDED, SET_MODE, Flight, config, setpoint_fields
 from tests.unit.sim.network.test_hub import HELLO, A, Clients
 
 PERSONAS = pytest.mark.parametrize("persona", ["ardupilot", "px4"])
@@ -55,16 +55,6 @@ def reported(flight: Flight) -> list[float]:
     return [
         a + b for a, b in zip(firmware.local_position(), firmware.local_origin_ned, strict=True)
     ]
-
-
-@PERSONAS
-def test_nothing_is_wrong_unless_it_is_asked_for(persona: str) -> None:
-    flight = hovering(persona)
-    vehicle = flight.world.vehicles[0]
-    assert not vehicle.faults.active
-    assert reported(flight) == pytest.approx(flight.ned())
-    assert not flight.world.groups[persona].state.wind.any()
-    assert all(vehicle.firmware.parameters[n] == SIM_DEFAULTS[n].value for n in SIM_DEFAULTS)
 
 
 @PERSONAS
@@ -165,17 +155,6 @@ def test_a_velocity_estimate_errs_in_flight_and_the_vehicle_follows_it() -> None
     assert vehicle.sense().velocity_ned_mps == (0.0, 0.0, 0.0), "on the ground it does not err"
 
 
-def test_a_frozen_gps_reports_one_place_while_the_vehicle_goes_on() -> None:
-    flight = hovering()
-    flight.run(3.0, setpoint=setpoint_fields(2.0, 0.0, 0.0))
-    put(flight, SIM_GPS_FREEZE=1.0)
-    flight.run(0.2, setpoint=setpoint_fields(2.0, 0.0, 0.0))
-    here, true = reported(flight), flight.ned()
-    flight.run(3.0, setpoint=setpoint_fields(2.0, 0.0, 0.0))
-    assert reported(flight) == here
-    assert flight.ned()[0] > true[0] + 4.0
-
-
 @PERSONAS
 def test_without_gps_it_comes_down(persona: str) -> None:
     flight = hovering(persona)
@@ -207,17 +186,6 @@ def test_a_stopped_motor_is_a_crash(persona: str) -> None:
     assert "Crash: Disarming" in flight.texts
 
 
-@PERSONAS
-def test_a_reboot_in_flight_is_a_fall_then_a_fresh_start(persona: str) -> None:
-    flight = hovering(persona)
-    put(flight, SIM_REBOOT=1.0)
-    flight.run(6.0)
-    firmware = flight.world.vehicles[0].firmware
-    assert flight.world.parked()
-    assert firmware.parameters["SIM_REBOOT"] == 0.0
-    assert firmware.boot_s > 15.0
-
-
 @pytest.mark.parametrize(
     ("persona", "name", "action"),
     [("ardupilot", "BATT_FS_LOW_ACT", 1.0), ("px4", "COM_LOW_BAT_ACT", 2.0)],
@@ -236,16 +204,6 @@ def test_a_failed_battery_acts_as_its_parameter_says(
     put(flight, SIM_BATT_FAIL=1.0)
     flight.run(40.0)
     assert flight.world.parked()
-
-
-def test_a_battery_drains_faster_when_told() -> None:
-    flight = hovering()
-    before = flight.world.vehicles[0].firmware.battery.used_mah
-    put(flight, SIM_BATT_DRAIN=50.0)
-    flight.run(10.0)
-    assert flight.world.vehicles[0].firmware.battery.used_mah - before == pytest.approx(
-        50 * 25.0, rel=0.05
-    )
 
 
 @pytest.mark.parametrize("fall", [False, True])
@@ -411,17 +369,3 @@ def test_a_fault_that_has_ended_has_left_nothing(
     flight.run(20.0)
     assert flight.ned() == pytest.approx(here, abs=0.3)
     assert flight.world.vehicles[0].firmware.battery.failed is False
-
-
-def test_faults_and_landing_after_them_repeat_exactly() -> None:
-    def flown() -> list[float]:
-        flight = hovering(
-            sim_parameters={"SIM_WIND_GUST": 1.0, "SIM_GPS_NOISE": 0.2, "SIM_GPS_DRIFT": 1.0},
-            seed=5,
-        )
-        flight.command(0, SET_MODE, 1, LAND)
-        flight.run(40.0)
-        assert flight.world.parked()
-        return flight.ned()
-
-    assert flown() == flown()

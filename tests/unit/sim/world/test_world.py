@@ -7,25 +7,21 @@ import math
 import numpy as np
 import pytest
 
-from swarm_sim.firmware.message import LandedState, Message
+from swarm_sim.firmware.message import LandedState
 from swarm_sim.world.world import STEP_S, PairMinima, World
 from tests.unit.sim.harness import (
     ARM,
-    GCS,
     GUIDED,
     LAND,
     OFFBOARD,
-    RTL,
     SET_MODE,
     Flight,
-    command_fields,
     config,
     setpoint_fields,
 )
 
 PERSONAS = pytest.mark.parametrize("persona", ["ardupilot", "px4"])
 LANDING = {"ardupilot": (1, LAND), "px4": (1, 4, 6)}
-HOMING = {"ardupilot": (1, RTL), "px4": (1, 4, 5)}
 
 
 def at_height(persona: str, n: int = 1) -> Flight:
@@ -92,13 +88,6 @@ def test_a_px4_takes_off_in_offboard_as_fast_as_the_real_one() -> None:
         assert low_m - 0.3 <= -flight.ned()[2] <= high_m + 0.3
 
 
-def test_the_times_of_a_px4_s_take_off_are_parameters() -> None:
-    flight = offboard(setpoint_fields(0.0, 0.0, -1.5), MPC_TKO_RAMP_T=0.5)
-    assert flight.world.airborne()[0]
-    flight = offboard(setpoint_fields(0.0, 0.0, -1.5), MPC_TKO_RAMP_T=0.5, COM_SPOOLUP_TIME=3.0)
-    assert not flight.world.airborne()[0]
-
-
 @PERSONAS
 def test_landing_from_ten_metres_is_slow_at_the_end_and_disarms(persona: str) -> None:
     flight = at_height(persona)
@@ -116,36 +105,12 @@ def test_landing_from_ten_metres_is_slow_at_the_end_and_disarms(persona: str) ->
     assert flight.world.time_s - began == pytest.approx(expected, abs=1.5), "as the real ones"
 
 
-@PERSONAS
-def test_return_comes_home_and_lands(persona: str) -> None:
-    flight = at_height(persona)
-    home = flight.ned()
-    fly(flight, persona, (4.0, -2.0, 0.0), 10.0)
-    assert math.hypot(flight.ned()[0] - home[0], flight.ned()[1] - home[1]) > 20.0
-    assert flight.command(0, SET_MODE, *HOMING[persona]) == 0
-    flight.run(120.0)
-    assert flight.world.parked()
-    assert flight.ned() == pytest.approx([home[0], home[1], 0.0], abs=0.5)
-
-
 def fly(flight: Flight, persona: str, velocity: tuple[float, float, float], seconds: float) -> None:
     """Velocity setpoints, in the mode that follows them."""
     if persona == "px4":
         flight.run(1.2, setpoint=setpoint_fields(0.0, 0.0, 0.0))
         assert flight.command(0, SET_MODE, 1, 6, 0) == 0
     flight.run(seconds, setpoint=setpoint_fields(*velocity))
-
-
-@PERSONAS
-def test_a_setpoint_acts_at_the_next_step(persona: str) -> None:
-    """A PX4's three steps later."""
-    flight = at_height(persona)
-    fly(flight, persona, (0.0, 0.0, 0.0), 0.5)
-    flight.tell(0, "SET_POSITION_TARGET_LOCAL_NED", **setpoint_fields(2.0, 0.0, 0.0))
-    before = flight.velocity()[0]
-    for _ in range(2 if persona == "ardupilot" else 5):
-        flight.run(STEP_S)
-    assert flight.velocity()[0] > before
 
 
 def test_ardupilot_silence_from_3_mps_stops_as_measured() -> None:
@@ -161,14 +126,6 @@ def test_ardupilot_silence_from_3_mps_stops_as_measured() -> None:
     assert (firmware.mode.custom, firmware.armed, flight.texts) == (GUIDED, True, [])
 
 
-def test_px4_silence_lands_and_disarms() -> None:
-    flight = at_height("px4")
-    fly(flight, "px4", (3.0, 0.0, 0.0), 8.0)
-    flight.run(30.0)
-    assert flight.world.parked()
-    assert "Failsafe activated" in flight.texts
-
-
 @PERSONAS
 def test_every_vehicle_has_an_origin_of_its_own_the_same_for_a_seed(persona: str) -> None:
     def origins(seed: int) -> list[tuple[float, float, float]]:
@@ -180,48 +137,6 @@ def test_every_vehicle_has_an_origin_of_its_own_the_same_for_a_seed(persona: str
     for place, (north, east, _) in enumerate(origins(1)):
         assert 3.0 <= math.hypot(north - 10.0 * place, east) <= 30.0
     assert len({round(north - 10.0 * i, 3) for i, (north, _, _) in enumerate(origins(1))}) == 4
-
-
-def test_mixed_personas_fly_in_one_world() -> None:
-    settings = config(4).model_dump()
-    for i, vehicle in enumerate(settings["vehicles"]):
-        vehicle["persona"] = ("ardupilot", "px4")[i % 2]
-    flight = Flight(type(config(1)).model_validate(settings))
-    flight.run(0.5)
-    for place in range(4):
-        flight.take_off(place, height_m=5.0 + place)
-    flight.run(20.0)
-    heights = [-flight.ned(i)[2] for i in range(4)]
-    assert heights == pytest.approx([5.0, 6.0, 7.0, 8.0], abs=0.15)
-    norths = [flight.ned(i)[0] for i in range(4)]
-    assert norths == pytest.approx([0.0, 10.0, 20.0, 30.0], abs=0.05)
-
-
-def test_traffic_is_the_vehicles_within_range() -> None:
-    flight = Flight(config(4, spacing_m=20.0, sensing_range_m=45.0))
-    flight.run(0.1)
-
-    def seen(place: int) -> list[int]:
-        fields = command_fields(512, 246, target=(place + 1, 1))
-        said = flight.tell(place, "COMMAND_LONG", **fields)
-        return [m.fields["ICAO_address"] for m in said if m.name == "ADSB_VEHICLE"]
-
-    assert seen(0) == [2, 3]
-    assert seen(1) == [1, 3, 4]
-
-
-def test_lift_off_and_touchdown_are_noted_and_minima_count_only_in_flight() -> None:
-    flight = Flight(config(2, spacing_m=3.0))
-    flight.run(1.0)
-    assert flight.world.pairs.shrunk() == []
-    flight.take_off(0, height_m=2.0)
-    flight.run(12.0)
-    ((i, j, distance),) = flight.world.pairs.shrunk()
-    assert (i, j) == (0, 1)
-    assert distance == pytest.approx(3.0, abs=1e-4)
-    flight.command(0, SET_MODE, 1, LAND)
-    flight.run(12.0)
-    assert [(e.sysid, e.event) for e in flight.world.events] == [(1, "liftoff"), (1, "touchdown")]
 
 
 def test_a_collision_is_noted_once_for_both() -> None:
@@ -267,23 +182,6 @@ def test_motors_off_in_the_air_are_an_event_and_the_crash_has_its_speed(persona:
     assert disarm.time_s < touchdown.time_s == crash.time_s
     assert touchdown.impact_mps == crash.impact_mps
     assert crash.impact_mps == pytest.approx(12.7, abs=0.7)
-
-
-@PERSONAS
-def test_the_same_seed_and_messages_give_the_same_flight(persona: str) -> None:
-    def flown() -> list[float]:
-        flight = at_height(persona, n=2)
-        fly(flight, persona, (1.0, 0.7, -0.1), 3.0)
-        return flight.ned() + flight.velocity()
-
-    assert flown() == flown()
-
-
-def test_messages_may_come_before_the_first_step() -> None:
-    world = World(config(1), 123.456)
-    world.handle(0, Message("HEARTBEAT", {"type": 6}, GCS))
-    assert world.time_s == pytest.approx(123.46)
-    assert world.step() == [0]
 
 
 def test_an_ideal_vehicle_has_the_velocity_it_is_told_at_once() -> None:
