@@ -38,15 +38,6 @@ def dead() -> int:
     return process.pid
 
 
-def test_the_only_run_that_flies_is_meant(tmp_path: Path, dead: int) -> None:
-    """Neither one that has ended since, however new, nor one whose agents are dead."""
-    flies = a_run(tmp_path, "1-square", "square", os.getpid())
-    a_run(tmp_path, "2-square", "square", os.getpid(), ended=True)
-    a_run(tmp_path, "3-square", "square", dead)
-    assert flying_run(None, tmp_path) == flies
-    assert flying_run("square", tmp_path) == flies
-
-
 def test_several_that_fly_are_listed(tmp_path: Path) -> None:
     one = a_run(tmp_path, "1-square", "square", os.getpid())
     two = a_run(tmp_path, "2-hexagon", "hexagon", os.getpid())
@@ -126,13 +117,6 @@ def test_a_run_that_starts_has_not_ended_unless_it_was_killed(tmp_path: Path, de
     write_manifest(folder, manifest(epoch_s=0.0, process=dead))
     with pytest.raises(StartError, match="1-square was killed"):
         flying_run(folder, tmp_path)
-
-
-def test_of_two_alike_none_is_named_by_its_mission(tmp_path: Path) -> None:
-    for k in (1, 2):
-        a_run(tmp_path, f"{k}-square", "square", os.getpid())
-    with pytest.raises(InputError, match=r"; name one by its folder$"):
-        flying_run(None, tmp_path)
 
 
 def test_a_run_whose_agents_other_hosts_started_is_meant_where_no_other_flies(

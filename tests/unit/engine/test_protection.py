@@ -78,13 +78,6 @@ def test_a_trust_that_is_not_there_names_what_makes_it(tmp_path: Path) -> None:
             wanted(str(tmp_path / "none"))
 
 
-def test_keys_that_others_may_read_are_refused(make: Make) -> None:
-    folder = make("anna")
-    (folder / "operator-anna" / "mesh.key").chmod(0o644)
-    with pytest.raises(TrustError, match=r"0644.*chmod 0600"):
-        station_identity(str(folder))
-
-
 @pytest.mark.parametrize(
     ("age_days", "host", "mesh", "told"),
     [

@@ -135,30 +135,6 @@ def world(tmp_path: Path, wanted: dict[str, float]) -> World:
     return World(tmp_path)
 
 
-def test_a_killed_agents_vehicle_gets_its_own_values_from_the_next_one(
-    world: World, wanted: dict[str, float]
-) -> None:
-    """The defect: the next run took our values for the vehicle's own."""
-    own = dict(world.values)
-    world.start()
-    world.run(StandbyGoal(), 100)
-    assert world.values == wanted
-    world.orderly()
-    assert world.values == own
-    assert world.memory.entries() == []
-    assert any(
-        "still has our failsafe parameters of test of 2" in note
-        and "its own are GUID_TIMEOUT 3, FS_GCS_ENABLE 0" in note
-        for note in world.notes
-    )
-
-
-def test_nothing_is_set_that_is_not_remembered(world: World) -> None:
-    world.orderly()
-    assert len(world.before_set) == 2
-    assert all(world.before_set)
-
-
 def test_a_folder_that_cannot_be_written_keeps_the_vehicle_on_the_ground(
     tmp_path: Path, wanted: dict[str, float]
 ) -> None:
@@ -199,32 +175,6 @@ def test_our_value_without_a_memory_is_noted_and_kept(world: World) -> None:
     world.orderly()
     assert world.values["FS_GCS_ENABLE"] == 5.0
     assert any("FS_GCS_ENABLE 5 is what agents set" in note for note in world.notes)
-
-
-def test_an_agent_that_ends_before_it_has_read_anything_forgets_nothing(world: World) -> None:
-    world.start()
-    world.run(StandbyGoal(), 100)
-    world.start()
-    world.run(StandbyGoal(), 3)
-    world.run(ReleaseGoal(), 2)
-    assert len(world.memory.entries()) == 1
-    world.run(ReleaseGoal(), 200)
-    assert world.memory.entries() == [], "it has read, and put back, while it ended"
-    assert world.values == {"GUID_TIMEOUT": OWN, "FS_GCS_ENABLE": 0.0}
-
-
-def test_a_vehicle_without_a_uid_is_known_by_its_endpoint(
-    tmp_path: Path, wanted: dict[str, float]
-) -> None:
-    world = World(tmp_path, uid=-1)
-    own = dict(world.values)
-    world.start()
-    world.run(StandbyGoal(), 300)
-    assert world.values == wanted
-    world.uid = 77  # this time the answer comes
-    world.orderly()
-    assert world.values == own
-    assert world.memory.entries() == []
 
 
 def test_a_parameter_that_agents_no_longer_set_is_put_back(

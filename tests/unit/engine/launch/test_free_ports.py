@@ -23,13 +23,6 @@ def test_free_ports_are_free_and_different() -> None:
             server.close()
 
 
-@pytest.mark.parametrize("kind", [socket.SOCK_STREAM, socket.SOCK_DGRAM])
-def test_no_port_is_given_twice(kind: socket.SocketKind) -> None:
-    """Though each is free again: what was closed may still be tried by what has used it."""
-    ports = [port for count in (1, 3, 1, 2) for port in free_ports(count, kind)]
-    assert len(set(ports)) == len(ports) == 7
-
-
 def test_a_taken_port_is_refused() -> None:
     """Before anything of a run is started; one that a server has left is not taken."""
     with socket.create_server(("127.0.0.1", 0)) as server:

@@ -12,7 +12,7 @@ import pytest
 
 from swarm_ctl.engine.lockstep.keeper import Keeper, Rules
 from swarm_ctl.engine.lockstep.member import KeeperGoneError, LockstepMember
-from swarm_ctl.engine.lockstep.words import TickPhase, TickWord, packed, packets, read
+from swarm_ctl.engine.lockstep.words import TickPhase, TickWord
 from swarm_ctl.errors import StartError
 
 pytestmark = pytest.mark.timeout(20)
@@ -95,20 +95,6 @@ def barrier(*names: str, factor: float | None = None, patience: float = 10.0) ->
         made.answer(*(name for name in names if name not in (WORLD, "test")))
         made.answer(*(name for name in names if name == "test"))
         yield made
-
-
-def test_the_world_goes_first_and_no_member_ahead() -> None:
-    """Agents get tick k when the world has done it, the world tick k + 1 when all agents have done
-    k."""
-    with barrier(WORLD, FIRST, SECOND) as b:
-        for k in (1, 2, 3):
-            assert b.tick(WORLD).tick == k
-            assert b.members[FIRST].wait(0.05) is None
-            b.done(WORLD)
-            assert b.tick(FIRST).tick == b.tick(SECOND).tick == k
-            b.done(FIRST)
-            assert b.members[WORLD].wait(0.05) is None
-            b.done(SECOND)
 
 
 def test_a_tick_says_what_belongs_to_it() -> None:
@@ -196,32 +182,6 @@ def test_a_station_does_not_hold_up_the_world() -> None:
         assert b.members[FIRST].wait(0.05) is None
         b.done("station", 1)
         assert b.tick(FIRST).said["station/state"] == 1
-
-
-def test_a_test_has_the_time_between_two_ticks() -> None:
-    """It hears what was said in this very tick, and nothing moves before it is done, however
-    long that takes."""
-    with barrier(WORLD, FIRST, "test", patience=1.0) as b:
-        b.tick(WORLD)
-        b.done(WORLD)
-        b.tick(FIRST)
-        b.done(FIRST, 1)
-        tick = b.tick("test")
-        assert (tick.tick, tick.heard, tick.said) == (1, 1, {"agent-1/state": 1})
-        assert b.members[WORLD].wait(2.5) is None
-        b.done("test")
-        assert b.tick(WORLD).tick == 2
-        assert b.notes == []
-
-
-def test_a_member_that_joins_late() -> None:
-    """It takes part from the next tick on, and waits for nothing of the one before."""
-    with barrier(WORLD, FIRST) as b:
-        b.tick(WORLD)
-        b.join(SECOND, late=True)
-        b.done(WORLD)
-        assert b.tick(SECOND).anew
-        b.tick(FIRST)
 
 
 def test_a_pace_slows_down_and_never_hurries() -> None:
@@ -326,14 +286,3 @@ def test_the_keeper_is_not_given_up_while_others_start(monkeypatch: pytest.Monke
             assert waits.wait(0.0) is None
             with pytest.raises(KeeperGoneError, match="silent"):
                 wait_long(waits)
-
-
-def test_the_first_word_to_a_process_is_its_welcome(monkeypatch: pytest.MonkeyPatch) -> None:
-    """However late it joins after it has connected."""
-    monkeypatch.setattr("swarm_ctl.engine.lockstep.keeper._TELL_WALL_S", 0.02)
-    with barrier(WORLD) as b, closing(packets()) as slow:
-        slow.connect("\0" + b.address)
-        time.sleep(0.2)
-        slow.send(packed(join="late", phase=TickPhase.SWARM, port=0))
-        slow.settimeout(5.0)
-        assert "tick_s" in read(slow.recv(4096))

@@ -29,11 +29,6 @@ def clock(time: Time) -> MeshClock:
     return made
 
 
-def test_before_anything_is_heard_it_counts_from_its_start(clock: MeshClock) -> None:
-    assert clock.now() == 3.0
-    assert not clock.heard
-
-
 @pytest.mark.parametrize("first", [500.0, 0.5])
 def test_the_first_word_sets_it(clock: MeshClock, first: float) -> None:
     """Forwards or backwards."""

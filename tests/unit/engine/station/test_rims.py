@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import json
 import os
 import random
 import threading
@@ -29,7 +28,7 @@ from swarm_ctl.extension import Extension
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
-from swarm_ctl.recording.run_recorder import TROUBLES, RunRecorder
+from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.rim import Rim
 from swarm_ctl.runfolder.last_statuses import read_troubles
 from tests.unit.report.run_folders import PLAN, manifest
@@ -171,17 +170,6 @@ def test_an_error_in_what_shows_leaves_beacons_and_commands(
         assert any(word in "".join(read_troubles(tmp_path)) for word in ("failed at", "stopped at"))
 
 
-def test_a_rim_lets_interrupts_pass() -> None:
-    """Ctrl-C and an exit are no errors of a part."""
-    for passing in (KeyboardInterrupt, SystemExit):
-
-        def part(what: type[BaseException] = passing) -> None:
-            raise what
-
-        with pytest.raises(passing):
-            Rim("a part").run(part)
-
-
 def test_a_rim_tells_once_that_it_failed_and_once_that_it_is_off() -> None:
     """It counts each error; what comes well in between begins the row anew."""
     rim, calls = Rim("the alarms", most=2), list[int]()
@@ -200,13 +188,6 @@ def test_a_rim_tells_once_that_it_failed_and_once_that_it_is_off() -> None:
         (True, "the alarms has stopped: IndexErr"),
     ]
     assert rim.troubles() == []
-
-
-def test_troubles_of_a_station_are_in_the_summary_file_by_time(tmp_path: Path) -> None:
-    """A line of `troubles.jsonl` that is none is left out."""
-    line = {"time_s": 12.34, "part": "recording.mcap", "why": "No space left", "off": True}
-    (tmp_path / TROUBLES).write_text(json.dumps(line) + "\nnonsense\n[]\n")
-    assert read_troubles(tmp_path) == ["recording.mcap stopped at 12.3 s: No space left"]
 
 
 def test_a_dashboard_that_ends_by_an_error_gives_way_to_log_lines(

@@ -16,7 +16,7 @@ from swarm_ctl.errors import InputError, LinkError
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
-from tests.unit.engine.target.test_receivers import NO_FIX, RMC
+from tests.unit.engine.target.test_receivers import RMC
 
 BOUND_S = 20.0
 
@@ -88,17 +88,6 @@ def test_a_receiver_is_told_and_tried_again_when_it_hangs_up() -> None:
     assert heard >= 10
     assert told.words == heard
     assert served.clients > 2
-
-
-def test_a_receiver_without_a_fix_tells_nothing() -> None:
-    with receiver(*[NO_FIX] * 20) as served:
-        news = source(f"nmea:{served.spelled}")
-        began_s = wall.wall_s()
-        node = Node(MemoryTransport(MemoryHub(wall.wall_s)), "lake", "target.1")
-        told = tell(node, news, lambda _: None, lambda: wall.wall_s() - began_s > 1.0)
-        news.close()
-    assert told.words == 0
-    assert "no fix" in told.why
 
 
 def test_a_source_that_is_not_there_is_said_to_be() -> None:
