@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 import struct
-from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -15,7 +14,6 @@ from hypothesis import strategies as st
 from swarm_ctl.core.model.vehicle import (
     AirborneGoal,
     FlyGoal,
-    Goal,
     LandGoal,
     ReleaseGoal,
     StandbyGoal,
@@ -24,7 +22,7 @@ from swarm_ctl.core.model.vehicle import (
 from swarm_ctl.errors import LinkError
 from swarm_ctl.mavlink.autopilots import AUTOPILOTS, GUARDED, autopilot
 from swarm_ctl.mavlink.autopilots.failsafe_parameters import OPTIONAL_ASKS
-from swarm_ctl.mavlink.autopilots.timing import GROUNDED_S, STREAMS_HZ
+from swarm_ctl.mavlink.autopilots.timing import GROUNDED_S
 from swarm_ctl.mavlink.telemetry.vehicle_telemetry import Telemetry
 from tests.unit.mavlink import scripted, wire
 from tests.unit.mavlink.scripted import Scripted, ScriptedArdupilot, ScriptedPx4
@@ -47,10 +45,6 @@ def commands(sent: list[tuple[float, Any]], number: int) -> list[tuple[float, An
 
 def of(sent: list[tuple[float, Any]], name: str) -> list[tuple[float, Any]]:
     return [(t, m) for t, m in sent if m.msgname == name]
-
-
-def ask_for(sent: list[tuple[float, Any]], number: int) -> list[float]:
-    return [t for t, m in commands(sent, INTERVAL) if round(m.param1) == number]
 
 
 def missing(vehicle: Scripted) -> str:
@@ -112,85 +106,7 @@ def test_every_goal_is_reached_through_loss_and_a_slow_start(
     assert vehicle.driver.parameters.released(vehicle.heard)
 
 
-@both
-def test_a_whole_flight_without_loss_wastes_no_command(name: str) -> None:
-    vehicle = flying(name)
-    vehicle.run(LandGoal(), 10.0)
-    assert len(commands(vehicle.sent, ARM)) <= 2
-    assert len(commands(vehicle.sent, TAKE_OFF)) == (name == "ardupilot")
-    assert len(commands(vehicle.sent, MODE)) <= 5
-    assert all(len(ask_for(vehicle.sent, n)) <= 2 for n in (1, 32, 33, 245))
-    assert {m.target_system for _, m in vehicle.sent if hasattr(m, "target_system")} == {7}
-    assert {m.target_component for _, m in vehicle.sent if hasattr(m, "target_component")} == {1}
-
-
-@both
-@pytest.mark.parametrize(
-    "goal",
-    [
-        StandbyGoal(),
-        AirborneGoal(3.0),
-        FlyGoal((0.0, 0.0, 0.0)),
-        LandGoal(),
-        ReleaseGoal(),
-        YieldGoal(),
-    ],
-)
-def test_our_heartbeat_is_sent_once_a_second_whatever_the_goal(name: str, goal: Goal) -> None:
-    vehicle = airborne(name)
-    times = [t for t, _ in of(vehicle.run(goal, 20.0), "HEARTBEAT")]
-    assert len(times) == 20
-    assert all(b - a == pytest.approx(1.0) for a, b in pairwise(times))
-
-
-def test_the_heartbeat_is_an_onboard_controllers() -> None:
-    """One of MAV_TYPE_GCS would hide from a PX4 that the pilot's ground station is lost."""
-    _, message = of(make("ardupilot").run(StandbyGoal(), 0.1), "HEARTBEAT")[0]
-    assert (message.type, message.autopilot) == (18, 8)
-
-
 # --- standby: streams, parameters, health ---
-
-
-def test_all_streams_are_asked_for_at_first_and_none_again_while_it_comes() -> None:
-    vehicle = make("ardupilot")
-    sent = vehicle.run(StandbyGoal(), 30.0)
-    asked = {round(m.param1): 1e6 / m.param2 for _, m in commands(sent, INTERVAL)}
-    assert asked == pytest.approx(
-        {32: 20.0, 33: 5.0, 1: 2.0, 245: 2.0, 246: 5.0, 30: 4.0, 24: 2.0, 168: 2.0, 193: 2.0},
-        rel=1e-3,
-    )
-    assert len(asked) == len(STREAMS_HZ) + 2  # wind and estimate
-    for number in (32, 33, 1, 245, 24, 193):
-        assert len(ask_for(sent, number)) == 1
-    assert len(ask_for(sent, 246)) in range(5, 8), "traffic may be silent rightly: every 5 s"
-
-
-def test_what_was_accepted_but_does_not_come_is_asked_for_every_second() -> None:
-    vehicle = make("ardupilot", ready_s=42.0)
-    times = ask_for(vehicle.run(StandbyGoal(), 42.0), 32)
-    assert len(times) in range(40, 43)
-    assert all(b - a == pytest.approx(1.0) for a, b in pairwise(times))
-    vehicle.run(StandbyGoal(), 5.0)
-    assert missing(vehicle) == ""
-
-
-@both
-def test_a_stream_that_another_client_slowed_is_asked_for_again(name: str) -> None:
-    vehicle = flying(name)
-    vehicle.intervals[32] = 0.25  # REQUEST_DATA_STREAM at 4 Hz overrides
-    sent = vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 3.0)
-    assert len(ask_for(sent, 32)) == 1
-    assert vehicle.intervals[32] == pytest.approx(0.05)
-
-
-def test_the_origin_is_asked_for_until_known_and_rarely_after() -> None:
-    vehicle = make("ardupilot", ready_s=10.0)
-    first = [m for _, m in commands(vehicle.run(StandbyGoal(), 10.0), REQUEST) if m.param1 == 49]
-    assert len(first) in range(9, 12)
-    later = commands(vehicle.run(StandbyGoal(), 30.0), REQUEST)
-    assert len(later) in range(2, 5)
-    assert {round(m.param1) for _, m in later} == {49}
 
 
 OURS = {
@@ -231,16 +147,6 @@ def test_parameters_are_not_put_back_while_armed(name: str) -> None:
     assert not vehicle.driver.parameters.released(vehicle.heard)
 
 
-def test_a_vehicle_without_the_parameter_is_never_healthy() -> None:
-    vehicle = make("ardupilot")
-    del vehicle.parameters["GUID_TIMEOUT"]
-    sent = vehicle.run(StandbyGoal(), 10.0)
-    assert missing(vehicle).startswith("failsafe parameters not confirmed: GUID_TIMEOUT")
-    assert len(
-        [m for _, m in of(sent, "PARAM_REQUEST_READ") if m.param_id == "GUID_TIMEOUT"]
-    ) in range(9, 12)
-
-
 GCS_IDS = {
     "4.1": {"SYSID_MYGCS": (255.0, 4)},
     "4.6": {"SYSID_MYGCS": (255.0, 4), "FS_GCS_TIMEOUT": (30.0, 9)},
@@ -276,12 +182,6 @@ def test_an_arducopter_that_does_not_tell_whose_heartbeats_count_is_not_flown() 
     asked = [m.param_id for _, m in of(sent, "PARAM_REQUEST_READ")]
     assert asked.count("SYSID_MYGCS") > 20, "one that has not answered may do so later"
     assert asked.count("FS_GCS_TIMEOUT") == OPTIONAL_ASKS, "one that is not needed does not exist"
-
-
-def test_our_heartbeat_flows_before_our_id_counts() -> None:
-    sent = make("ardupilot").run(StandbyGoal(), 6.0)
-    set_at = [t for t, m in of(sent, "PARAM_SET") if m.param_id == "SYSID_MYGCS"]
-    assert of(sent, "HEARTBEAT")[0][0] < set_at[0]
 
 
 def test_a_parameter_that_is_changed_back_is_set_again() -> None:
@@ -374,23 +274,6 @@ def test_another_firmware_or_kind_of_vehicle_gets_nothing_but_heartbeats(
 # --- airborne ---
 
 
-def test_ardupilot_enters_guided_then_arms_then_takes_off_each_when_seen() -> None:
-    vehicle = make("ardupilot")
-    vehicle.run(StandbyGoal(), 6.0)
-    sent = vehicle.run(AirborneGoal(3.0), 8.0)
-    order = [
-        (t, m.command)
-        for t, m in sent
-        if m.msgname == "COMMAND_LONG" and m.command in (MODE, ARM, TAKE_OFF)
-    ]
-    assert [number for _, number in order] == [MODE, ARM, TAKE_OFF]
-    assert all(b - a <= 1.05 for (a, _), (b, _) in pairwise(order)), "the next heartbeat shows it"
-    (_, mode), (_, arm), (_, take_off) = (commands(sent, n)[0] for n in (MODE, ARM, TAKE_OFF))
-    assert (mode.param1, mode.param2) == (1, 4)
-    assert (arm.param1, arm.param2) == (1, 0)
-    assert take_off.param7 == 3.0
-
-
 def test_a_take_off_that_was_accepted_is_not_asked_for_again_while_motors_spool_up() -> None:
     vehicle = make("ardupilot", spool_up_s=5.0)
     vehicle.run(StandbyGoal(), 6.0)
@@ -411,13 +294,6 @@ def test_a_vehicle_that_is_silent_is_not_told_to_take_off_again() -> None:
     assert vehicle.height_m == pytest.approx(30.0, abs=0.1)
 
 
-def test_a_take_off_that_had_no_effect_is_asked_for_again() -> None:
-    vehicle = make("ardupilot", spool_up_s=math.inf)
-    vehicle.run(StandbyGoal(), 6.0)
-    times = [t for t, _ in commands(vehicle.run(AirborneGoal(3.0), 32.0), TAKE_OFF)]
-    assert [b - a for a, b in pairwise(times)] == pytest.approx([10.0] * 3)
-
-
 def test_a_px4_that_has_flown_is_ready_for_another_flight() -> None:
     """A PX4 goes back to OFFBOARD when it disarms, and its pre-arm checks fail there."""
     vehicle = flying("px4")
@@ -435,30 +311,6 @@ def test_a_px4_in_a_pilots_mode_is_left_there_while_it_stands_by() -> None:
     vehicle = make("px4")
     vehicle.mode = PILOT["px4"]
     assert commands(vehicle.run(StandbyGoal(), 10.0), MODE) == []
-
-
-def test_px4_takes_off_in_offboard_by_setpoints() -> None:
-    """In its own take-off, and the AUTO.LOITER after it, a vehicle whose agent died would stay."""
-    vehicle = make("px4")
-    vehicle.run(StandbyGoal(), 6.0)
-    sent = vehicle.run(AirborneGoal(3.0), 12.0)
-    asked = [m.command for _, m in sent if m.msgname == "COMMAND_LONG"]
-    assert [number for number in asked if number in (MODE, ARM, TAKE_OFF)] == [MODE, ARM]
-    setpoints = of(sent, "SET_POSITION_TARGET_LOCAL_NED")
-    assert {(m.vx, m.vy) for _, m in setpoints} == {(0.0, 0.0)}
-    assert min(m.vz for _, m in setpoints) == -1.5
-    assert setpoints[-1][1].vz == 0.0, "it is there"
-    assert vehicle.height_m == pytest.approx(3.0, abs=0.1)
-
-
-@both
-def test_only_a_px4_is_steered_in_its_take_off(name: str) -> None:
-    """An ArduCopter keeps its place by itself, and takes no setpoint before it is up."""
-    vehicle = make(name)
-    vehicle.run(StandbyGoal(), 6.0)
-    sent = of(vehicle.run(AirborneGoal(3.0, (0.5, -0.25)), 12.0), "SET_POSITION_TARGET_LOCAL_NED")
-    steered = {"px4": {(0.5, -0.25)}, "ardupilot": set()}
-    assert {(m.vx, m.vy) for _, m in sent} == steered[name]
 
 
 def test_our_own_auto_loiter_after_an_earlier_flight_is_no_pilots() -> None:
@@ -488,18 +340,6 @@ def test_px4_climbs_only_while_its_height_is_known() -> None:
 
 
 @both
-def test_refused_commands_are_tried_again_every_second(name: str) -> None:
-    vehicle = make(name)
-    vehicle.run(StandbyGoal(), 6.0)
-    vehicle.ready_s = vehicle.now + 10.0
-    times = [t for t, _ in commands(vehicle.run(AirborneGoal(3.0), 8.0), ARM)]
-    assert len(times) >= 6
-    assert all(b - a == pytest.approx(1.0) for a, b in pairwise(times))
-    vehicle.run(AirborneGoal(3.0), 20.0)
-    assert vehicle.height_m == pytest.approx(3.0, abs=0.1)
-
-
-@both
 @pytest.mark.parametrize("when_s", [0.0, 1.5, 2.5, 4.0, 6.0])
 def test_a_pilot_who_takes_over_on_the_way_up_keeps_the_vehicle(name: str, when_s: float) -> None:
     vehicle = make(name)
@@ -509,18 +349,6 @@ def test_a_pilot_who_takes_over_on_the_way_up_keeps_the_vehicle(name: str, when_
     vehicle.run(AirborneGoal(3.0), 1.05)  # until its heartbeat has said so
     sent = vehicle.run(AirborneGoal(3.0), 10.0)
     assert commands(sent, MODE) == commands(sent, ARM) == commands(sent, TAKE_OFF) == []
-
-
-@both
-def test_a_pilot_who_takes_over_on_the_ground_keeps_the_vehicle(name: str) -> None:
-    vehicle = make(name)
-    vehicle.run(StandbyGoal(), 6.0)
-    vehicle.ready_s = math.inf  # arming is refused from now on
-    vehicle.run(AirborneGoal(3.0), 3.0)
-    vehicle.mode = PILOT[name]
-    vehicle.run(AirborneGoal(3.0), 1.05)
-    sent = vehicle.run(AirborneGoal(3.0), 10.0)
-    assert commands(sent, MODE) == commands(sent, ARM) == []
 
 
 @both
@@ -538,32 +366,10 @@ def test_a_vehicle_in_a_pilots_hands_is_not_taken(name: str, armed: bool, height
 
 
 @both
-def test_fly_sends_one_velocity_setpoint_a_call(name: str) -> None:
-    vehicle = flying(name)
-    sent = of(vehicle.run(FlyGoal((1.0, -2.0, 0.5)), 1.0), "SET_POSITION_TARGET_LOCAL_NED")
-    assert len(sent) == 20
-    for now, m in sent:
-        assert (m.coordinate_frame, m.type_mask) == (1, 3527)
-        assert (m.vx, m.vy, m.vz) == (1.0, -2.0, 0.5)
-        assert m.time_boot_ms == int(now * 1000)
-
-
-@both
 @pytest.mark.parametrize("bad", [math.nan, math.inf, 1e39, -101.0])
 def test_a_setpoint_that_is_none_is_not_sent(name: str, bad: float) -> None:
     vehicle = flying(name)
     assert of(vehicle.run(FlyGoal((0.0, bad, 0.0)), 0.5), "SET_POSITION_TARGET_LOCAL_NED") == []
-
-
-def test_px4_streams_setpoints_for_over_a_second_before_offboard() -> None:
-    vehicle = make("px4")
-    vehicle.run(StandbyGoal(), 6.0)
-    sent = vehicle.run(AirborneGoal(3.0), 4.0)
-    first = of(sent, "SET_POSITION_TARGET_LOCAL_NED")[0][0]
-    ((asked, message),) = commands(sent, MODE)
-    assert asked - first == pytest.approx(1.2, abs=0.06)
-    assert (message.param1, message.param2, message.param3) == (1, 6, 0)
-    assert "mode change refused: TEMPORARILY_REJECTED" not in vehicle.heard.texts.take(vehicle.now)
 
 
 def test_px4_begins_the_second_anew_after_a_gap() -> None:
@@ -598,17 +404,6 @@ def test_px4_that_lost_the_stream_is_left_to_its_failsafe() -> None:
 
 
 # --- down, and hands off ---
-
-
-@both
-def test_landing_stops_the_vehicle_until_the_mode_is_seen(name: str) -> None:
-    vehicle = flying(name)
-    sent = vehicle.run(LandGoal(), 3.0)
-    setpoints = of(sent, "SET_POSITION_TARGET_LOCAL_NED")
-    assert setpoints
-    assert {(m.vx, m.vy, m.vz) for _, m in setpoints} == {(0.0, 0.0, 0.0)}
-    assert max(t for t, _ in setpoints) - sent[0][0] <= 1.05
-    assert len(commands(sent, MODE)) == 1
 
 
 @both
@@ -665,14 +460,6 @@ def test_a_pilot_who_breaks_a_landing_off_keeps_the_vehicle(name: str) -> None:
 
 
 @both
-def test_a_vehicle_that_is_down_is_left_alone(name: str) -> None:
-    vehicle = make(name)
-    vehicle.run(StandbyGoal(), 6.0)
-    sent = vehicle.run(LandGoal(), 5.0)
-    assert [m for _, m in sent if m.msgname == "COMMAND_LONG" and m.command in (MODE, ARM)] == []
-
-
-@both
 def test_yield_asks_for_nothing(name: str) -> None:
     """Heartbeats; a PX4 gets setpoints of zero, too: without any its pilot can't set OFFBOARD."""
     vehicle = flying(name)
@@ -681,27 +468,6 @@ def test_yield_asks_for_nothing(name: str) -> None:
     assert {m.msgname for _, m in sent} - {"SET_POSITION_TARGET_LOCAL_NED"} == {"HEARTBEAT"}
     assert bool(setpoints) is (name == "px4")
     assert {(m.vx, m.vy, m.vz) for m in setpoints} <= {(0.0, 0.0, 0.0)}
-
-
-# --- words ---
-
-
-@pytest.mark.parametrize(
-    ("name", "custom_mode", "word"),
-    [
-        ("ardupilot", 4, "GUIDED"),
-        ("ardupilot", 9, "LAND"),
-        ("ardupilot", 99, "MODE 99"),
-        ("ardupilot", None, ""),
-        ("px4", scripted.OFFBOARD, "OFFBOARD"),
-        ("px4", scripted.AUTO_LAND, "AUTO.LAND"),
-        ("px4", scripted.POSCTL | 1 << 24, "POSCTL"),
-        ("px4", 4 << 16 | 200 << 24, "MODE 4/200"),
-        ("px4", None, ""),
-    ],
-)
-def test_modes_have_the_firmwares_words(name: str, custom_mode: int | None, word: str) -> None:
-    assert autopilot(name, 1).modes.name(custom_mode) == word
 
 
 # --- failsafe parameters in flight ---

@@ -57,14 +57,6 @@ def test_a_lean_limit_of_zero_is_none() -> None:
     assert free == driver.flight_limits.limits(heard(driver, **OLD))
 
 
-def test_what_is_not_read_is_named() -> None:
-    driver = autopilot("ardupilot", 7)
-    known = {name: value for name, value in OLD.items() if name != "WPNAV_SPEED"}
-    assert driver.flight_limits.unread(heard(driver, **known)) == ("WP_SPD or WPNAV_SPEED",)
-    px4 = autopilot("px4", 7)
-    assert px4.flight_limits.unread(heard(px4))[0] == "MPC_XY_VEL_MAX"
-
-
 @pytest.mark.parametrize("loss", [0.0, 0.5])
 @pytest.mark.parametrize(("name", "kind"), [("ardupilot", ScriptedArdupilot), ("px4", ScriptedPx4)])
 def test_the_limits_are_read_in_standby_and_asked_for_no_more(
@@ -78,12 +70,3 @@ def test_the_limits_are_read_in_standby_and_asked_for_no_more(
         m.param_id for _, m in vehicle.run(StandbyGoal(), 10.0) if m.msgname == "PARAM_REQUEST_READ"
     ]
     assert not required & set(later)
-
-
-def test_a_limit_that_changes_is_known_by_the_vehicle_s_word() -> None:
-    driver = autopilot("px4", 7)
-    telemetry = heard(driver, MPC_XY_VEL_MAX=12.0)
-    fold(telemetry, wire.parameter("MPC_XY_VEL_MAX", 4.0), 1.0)
-    assert driver.flight_limits.limits(telemetry) == (
-        FlightLimit(LimitKind.SPEED, 4.0, "MPC_XY_VEL_MAX 4"),
-    )

@@ -56,13 +56,6 @@ noise = (
 )
 
 
-@given(noise, st.sampled_from(GOOD))
-def test_a_good_frame_after_any_noise_is_found_at_once(before: bytes, good: bytes) -> None:
-    framer = Framer()
-    framer.feed(before)
-    assert good in [frame.raw for frame in framer.feed(good)]
-
-
 @given(st.lists(st.tuples(noise, st.sampled_from(GOOD)), min_size=1, max_size=5), st.data())
 def test_all_good_frames_are_found_in_order_however_the_stream_is_cut(
     parts: list[tuple[bytes, bytes]], data: st.DataObject
@@ -91,20 +84,6 @@ def test_plain_text_before_and_between_frames_is_skipped_and_counted_once_a_run(
     found = framer.feed(BANNER) + framer.feed(GOOD[0] + b"PreArm: text\n" + GOOD[1])
     assert [frame.raw for frame in found] == GOOD[:2]
     assert framer.bad == 2
-
-
-def test_a_clean_stream_counts_nothing_bad() -> None:
-    framer = Framer()
-    for at in range(len(b"".join(GOOD))):
-        framer.feed(b"".join(GOOD)[at : at + 1])
-    assert framer.bad == 0
-
-
-def test_header_fields_are_those_sent() -> None:
-    vehicle = wire.Vehicle(memory_wires()[0], sysid=42, component=7)
-    vehicle.codec.seq = 200
-    (frame,) = Framer().feed(vehicle.bytes_of(wire.extended_state(1)))
-    assert (frame.message_id, frame.seq, frame.system, frame.component) == (245, 200, 42, 7)
 
 
 def test_mavlink_1_and_signed_frames_are_frames() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
@@ -18,7 +17,6 @@ from swarm_ctl.core.model.vehicle import (
     LinkCounters,
     ReleaseGoal,
     StandbyGoal,
-    VehicleView,
     YieldGoal,
 )
 from swarm_ctl.errors import LinkError
@@ -65,15 +63,6 @@ def healthy() -> tuple[VehicleLink, wire.Vehicle]:
     return link, vehicle
 
 
-def test_a_view_before_anything_was_heard() -> None:
-    link, _ = make()
-    view = link.view()
-    assert view.unread_limits
-    reason = "no heartbeat yet from sysid 7"
-    silent = VehicleView(health_reason=reason, controlled_mode="GUIDED")
-    assert replace(view, unread_limits=()) == silent
-
-
 def test_a_view_has_everything_that_was_heard() -> None:
     link, _ = healthy()
     view = link.view()
@@ -94,27 +83,6 @@ def test_a_view_has_everything_that_was_heard() -> None:
     assert (view.position_accuracy_m, view.estimate_fault) == (0.9, "")
     assert view.texts == ("careful",)
     assert link.view().texts == (), "each text once"
-
-
-def test_health_ages_with_the_time_of_receive() -> None:
-    link, _ = healthy()
-    link.receive(11.5)
-    assert link.view().health_reason == "no local position (LOCAL_POSITION_NED)"
-    link.receive(13.5)
-    assert link.view().health_reason == "heartbeat lost"
-    link.receive(30.0)
-    assert link.view().contacts == ()
-
-
-def test_a_vehicle_whose_heartbeats_say_so_is_landing() -> None:
-    link, vehicle = healthy()
-    for now in (11.0, 12.0, 13.0):
-        assert (link.view().controlled, link.view().landing) == (True, False)
-        vehicle.say(wire.heartbeat(custom_mode=9, armed=True))
-        vehicle.say(wire.local_position(boot_ms=round(now * 1000)))
-        link.receive(now)
-        assert link.view().mode_doubt is (now < 13.0)
-    assert (link.view().controlled, link.view().landing) == (False, True)
 
 
 def test_refuted_heartbeats_are_told_once_in_ten_seconds() -> None:
@@ -145,19 +113,6 @@ def test_only_the_expected_systems_autopilot_is_listened_to(system: int, compone
     assert (link.counters.frames, link.counters.foreign) == (3, 3)
 
 
-def test_frames_go_out_as_the_ground_station_with_a_running_seq() -> None:
-    link, vehicle = healthy()
-    for tick in range(300):
-        link.receive(10.0 + tick * 0.05)
-        link.pursue(FlyGoal((1.0, 0.0, 0.0)), 10.0 + tick * 0.05)
-    sent = vehicle.heard()
-    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in sent} == {(250, 191)}
-    assert [m.get_seq() for m in sent] == [i % 256 for i in range(len(sent))]
-    setpoints = [m for m in sent if m.msgname == "SET_POSITION_TARGET_LOCAL_NED"]
-    assert len(setpoints) == link.counters.setpoints == 300
-    assert {(m.target_system, m.target_component) for m in setpoints} == {(7, 1)}
-
-
 def test_lost_frames_are_counted_by_seq_over_the_wrap_but_not_late_or_repeated_ones() -> None:
     link, vehicle = make()
     frames = [vehicle.bytes_of(wire.heartbeat()) for _ in range(520)]
@@ -165,24 +120,6 @@ def test_lost_frames_are_counted_by_seq_over_the_wrap_but_not_late_or_repeated_o
         vehicle.end.write(frames[i])
     link.receive(1.0)
     assert link.counters.lost == 3 + 38
-
-
-def test_other_systems_do_not_disturb_the_loss_count() -> None:
-    link, vehicle = make()
-    other = wire.Vehicle(vehicle.end, 8)
-    other.codec.seq = 99
-    for _ in range(10):
-        vehicle.say(wire.heartbeat())
-        other.say(wire.heartbeat())
-    link.receive(1.0)
-    assert link.counters.lost == 0
-
-
-def test_fields_that_cannot_be_true_are_counted() -> None:
-    link, vehicle = make()
-    vehicle.say(wire.local_position((math.nan, 0.0, 0.0)), wire.global_position(lat=0, lon=0))
-    link.receive(1.0)
-    assert (link.counters.frames, link.counters.rejected, link.view().local) == (2, 2, None)
 
 
 @settings(max_examples=200)
@@ -254,14 +191,6 @@ def test_socket_errors_are_counted_not_raised() -> None:
         link.receive(float(tick))
         link.pursue(StandbyGoal(), float(tick))
     assert link.counters == LinkCounters(errors=6)
-
-
-def test_signed_frames_are_read_while_signing_is_off() -> None:
-    link, vehicle = make()
-    vehicle.codec.signing.secret_key, vehicle.codec.signing.sign_outgoing = b"k" * 32, True
-    vehicle.say(wire.heartbeat())
-    link.receive(1.0)
-    assert link.view().heartbeat_s == 1.0
 
 
 @pytest.mark.parametrize("sysid", [0, 251, -1])

@@ -43,17 +43,6 @@ def mirror(relay: socket.socket) -> Iterator[Mirror]:
 FRAME = b"\xfd" + bytes(20)
 
 
-def test_frames_go_to_the_relay_once_it_has_greeted(mirror: Mirror, relay: socket.socket) -> None:
-    mirror.keep(FRAME)
-    assert mirror.exchange() == []
-    relay.send(SECRET)
-    assert mirror.exchange() == []
-    for _ in range(3):
-        mirror.keep(FRAME)
-    mirror.exchange()
-    assert relay.recv(4096) == 3 * FRAME
-
-
 def test_a_flood_costs_a_tick_a_few_frames_alone(mirror: Mirror, relay: socket.socket) -> None:
     relay.send(SECRET)
     mirror.exchange()
@@ -75,16 +64,6 @@ def test_only_frames_and_only_those_of_the_relay_pass(mirror: Mirror, relay: soc
     with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as stranger:
         stranger.sendto(FRAME, relay.getpeername())
         assert mirror.exchange() == []
-
-
-def test_a_relay_that_does_not_read_holds_nothing_up(mirror: Mirror, relay: socket.socket) -> None:
-    relay.send(SECRET)
-    mirror.exchange()
-    started = time.perf_counter()
-    for _ in range(2000):
-        mirror.keep(FRAME)
-        mirror.exchange()
-    assert time.perf_counter() - started < 2.0
 
 
 def test_a_taken_port_is_named(relay: socket.socket) -> None:

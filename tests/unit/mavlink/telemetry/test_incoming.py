@@ -110,12 +110,6 @@ def test_what_cannot_be_true_is_refused_and_changes_nothing(why: str) -> None:
     assert heard == before
 
 
-def test_another_vehicle_may_take_the_place_of_one_long_silent() -> None:
-    heard = known()
-    assert fold(heard, wire.heartbeat(autopilot=12), 10.0 + 3.1)
-    assert heard.autopilot == 12
-
-
 @given(st.sampled_from(sorted(FOLDS_BY_ID)), st.binary(min_size=1, max_size=255), st.floats(0, 1e6))
 def test_no_payload_raises_or_leaves_anything_that_is_not_finite(
     number: int, payload: bytes, now: float
@@ -143,12 +137,6 @@ def test_a_wind_of_exactly_zero_is_no_estimate() -> None:
     assert heard.wind_now(11.0) == pytest.approx(0.1)
 
 
-def test_px4_tells_the_wind_by_where_it_blows() -> None:
-    heard = known()
-    assert fold(heard, wire.wind_cov(-3.0, 4.0))
-    assert heard.wind_now(10.0) == pytest.approx(5.0)
-
-
 def place(point: Geodetic | None) -> tuple[float, ...]:
     return () if point is None else (point.lat_deg, point.lon_deg, point.alt_m)
 
@@ -159,12 +147,6 @@ def decode(number: int, payload: bytes) -> Any:
     header = bytes([0xFD, len(payload), 0, 0, 0, 1, 1, number & 0xFF, number >> 8 & 0xFF, 0])
     crc = dialect.x25crc(header[1:] + payload + bytes([dialect.mavlink_map[number].crc_extra])).crc
     return dialect.MAVLink(None).decode(bytearray(header + payload + crc.to_bytes(2, "little")))
-
-
-def test_an_unknown_landed_state_leaves_what_is_known() -> None:
-    heard = known()
-    assert fold(heard, wire.extended_state(0))
-    assert heard.on_ground is False
 
 
 @pytest.mark.parametrize("percent", [-1, -106, 101])
@@ -199,31 +181,6 @@ def test_tilt_and_round_trip_have_an_age() -> None:
     assert (heard.tilt_now(13.1), heard.round_trip_now(20.1)) == (None, None)
 
 
-def test_an_odd_heading_does_not_hide_an_aircraft() -> None:
-    heard = Telemetry()
-    assert fold(heard, wire.traffic(6, heading=65535))
-    assert heard.contacts[6].velocity_ned_mps == (0.0, 0.0, 0.0)
-
-
-def test_a_text_of_an_unknown_severity_is_told() -> None:
-    heard = Telemetry()
-    assert fold(heard, wire.text("look out", severity=99))
-    assert heard.texts.take(10.0) == ("look out",)
-
-
-@pytest.mark.parametrize(("state", "on_ground"), [(1, True), (2, False), (3, False), (4, False)])
-def test_landed_states(state: int, on_ground: bool) -> None:
-    heard = known()
-    fold(heard, wire.extended_state(state))
-    assert heard.on_ground is on_ground
-
-
-def test_a_heartbeat_without_custom_mode_has_none() -> None:
-    heard = Telemetry()
-    fold(heard, wire.heartbeat(custom_mode=4, base_mode=0))
-    assert heard.custom_mode is None
-
-
 def test_contacts_are_the_newest_per_address_bounded_and_forgotten() -> None:
     heard = Telemetry()
     for i in range(MAX_CONTACTS + 10):
@@ -233,12 +190,6 @@ def test_contacts_are_the_newest_per_address_bounded_and_forgotten() -> None:
     newest = max(contact.time_s for contact in heard.contacts.values())
     heard.forget_old_contacts(newest + CONTACT_KEPT_S - 1.5)
     assert sorted(heard.contacts) == [MAX_CONTACTS + 8, MAX_CONTACTS + 9]
-
-
-def test_traffic_without_heading_or_speed_stands_still() -> None:
-    heard = Telemetry()
-    assert fold(heard, wire.traffic(5, flags=0x03))
-    assert heard.contacts[5].velocity_ned_mps == (0.0, 0.0, 0.0)
 
 
 # --- texts ---
@@ -253,16 +204,6 @@ def test_only_warnings_and_worse_are_kept_bounded_and_printable() -> None:
     assert len(texts) == MAX_TEXTS
     assert texts[-1] == f"bad ?[31m{MAX_TEXTS + 4}"
     assert heard.texts.take(10.0) == ()
-
-
-def test_chunks_of_a_long_text_are_joined() -> None:
-    heard = Telemetry()
-    long = "PreArm: " + "x" * 100
-    for chunk in range(3):
-        fold(heard, wire.text(long[50 * chunk : 50 * chunk + 50], number=9, chunk=chunk))
-        if chunk < 2:
-            assert heard.texts.take(10.0) == ()
-    assert heard.texts.take(10.0) == (long,)
 
 
 def test_a_long_text_whose_end_is_lost_comes_as_far_as_it_came() -> None:
@@ -295,18 +236,6 @@ def test_a_refusal_is_told_once_and_only_if_it_was_ours() -> None:
 
 
 # --- parameters, restarts ---
-
-
-def test_only_watched_parameters_are_remembered() -> None:
-    heard = known()
-    for i in range(100):
-        fold(heard, wire.parameter(f"P{i}", 1.0))
-    assert list(heard.parameters) == ["GUID_TIMEOUT"]
-
-
-def test_an_integer_parameter_may_have_the_bits_of_a_nan() -> None:
-    heard = known()
-    assert fold(heard, wire.parameter("GUID_TIMEOUT", NAN, kind=6))
 
 
 def test_a_restart_forgets_what_does_not_survive_it() -> None:
