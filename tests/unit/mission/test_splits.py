@@ -87,14 +87,6 @@ def test_each_group_begins_where_the_one_before_leaves_its_agents() -> None:
     assert last.flies_m == 4.0
 
 
-def test_agents_are_named_once_with_their_starts() -> None:
-    plan = loads(TEXT).plan
-    assert [agent.id for agent in plan.agents] == [1, 2, 3, 4, 5]
-    assert [agent.start[0] * plan.unit_m for agent in plan.agents] == pytest.approx(
-        [0, 0, 10, 10, 20]
-    )
-
-
 def test_a_group_that_lands_is_not_in_the_steps_that_follow() -> None:
     text = edited(("        - barrier: {name: ridge}\n      east", "        - return\n      east"))
     text = text.replace("        - barrier: {name: ridge}\n", "")
@@ -132,12 +124,6 @@ MISTAKES = {
     "too few slots in a group": (("  row: {kind: line", "  row: {kind: line, count: 5"), "shapes.row.count", "5 slots for 2 agents"),
     "beyond the fence": (("groups:", "fence: {polygon: [[-30, -16], [-30, 60], [60, 60], [60, -16]]}\ngroups:"), "split.west#1.move", "agent 3 would be outside the geofence"),
 }  # fmt: skip
-
-
-def test_an_agent_that_the_mission_has_not_is_told_once() -> None:
-    with pytest.raises(MissionError) as caught:
-        loads(edited(("west: [1, 3]", "west: [1, 9]")))
-    assert len(caught.value.problems) == 1
 
 
 @pytest.mark.parametrize("last", ["return", "hold: {duration_s: 2}"])

@@ -14,53 +14,9 @@ from tests.unit.plans import steps_of
 
 LINE = 1 + TEXT.count("\n")
 """Of the section `zones`, behind the example."""
+
+
 WIDE = ("- hold: {duration_s: 10}", "- move: {to: [20, 1], speed_mps: 3}")
-ZONES = {
-    "neither": ("x: {ceiling_m: 20}", "zones.x", "neither polygon nor circle", "circle and radius"),
-    "both": (
-        "x: {circle: [20, 20], radius: 1, polygon: [[9, 9], [9, 10], [10, 9]]}",
-        "zones.x",
-        "both polygon and circle",
-        "polygon, or circle",
-    ),
-    "no radius": ("x: {circle: [20, 20]}", "zones.x.radius", "is missing", "circle and radius"),
-    "no circle": ("x: {radius: 2}", "zones.x.circle", "is missing", "circle and radius"),
-    "crossing": (
-        "x: {polygon: [[20, 20], [30, 30], [30, 20], [20, 30]]}",
-        "zones.x.polygon",
-        "the edges after corners 1 and 3 cross",
-        "corners in order",
-    ),
-    "flat": (
-        "x: {polygon: [[20, 20], [30, 30], [40, 40]]}",
-        "zones.x.polygon",
-        "has no area",
-        "corners around a place",
-    ),
-    "heights": (
-        "x: {circle: [20, 20], radius: 1, floor_m: 9, ceiling_m: 9}",
-        "zones.x.ceiling_m",
-        "9 m is not above floor_m",
-        "above 9",
-    ),
-    "clearance": (
-        "x: {circle: [20, 20], radius: 1, clearance_m: 0}",
-        "zones.x.clearance_m",
-        "0 is out of range",
-        "0.1 to 100",
-    ),
-}
-
-
-@pytest.mark.parametrize(("zone", "field", "what", "allowed"), ZONES.values(), ids=ZONES)
-def test_a_zone_that_is_none_is_refused_by_its_line(
-    zone: str, field: str, what: str, allowed: str
-) -> None:
-    (problem,) = problems(f"{TEXT}zones:\n  {zone}\n")
-    assert problem.where == f"trio.yaml:{LINE + 1}"
-    assert problem.field == field
-    assert what in problem.what
-    assert allowed in problem.allowed
 
 
 def test_each_zone_once() -> None:
@@ -162,14 +118,6 @@ def test_a_move_through_a_gate_that_is_too_narrow_goes_in_file() -> None:
     assert kind_of(step).words(step, loaded.plan).startswith("move in file to ")
 
 
-def test_a_move_without_a_way_is_refused_with_the_gap_that_there_is() -> None:
-    (problem,) = problems(gate(0.5))
-    assert problem.field == "step 3, move"
-    assert "there is no way past zone w" in problem.what
-    assert "the widest gap is 2.2 m too narrow for vehicles in file" in problem.what
-    assert problem.allowed.startswith("a gap of 4.7 m between zones, 3.4 m between a zone and")
-
-
 WALL = """\
 version: 1
 name: gate
@@ -221,18 +169,6 @@ def test_what_a_gap_is_said_to_lack_is_enough(width_m: float, agents: int) -> No
     assert lacks_m == pytest.approx(needed_m - width_m, abs=0.2)
 
 
-def test_a_wall_without_a_gate_has_no_gap() -> None:
-    assert "there is no gap" in refusal(wall(4, 0.0))
-
-
-def test_in_file_all_fly_the_one_way() -> None:
-    """Past the end of the wall, 10 m from the fence: the shape as a whole, which is not flown
-    there, was said to leave the fence."""
-    step = steps_of(loads(wall(4, 3.0, ends=70)).plan)[2]
-    assert step.file is not None
-    assert max(east for _, east in step.way_m) < 80
-
-
 def test_a_move_that_begins_too_near_to_a_zone_is_no_matter_of_gaps() -> None:
     """A gap of 13 m was named beside a need of 3.5 m."""
     zones = "zones:\n  oak: {circle: [0, 0], radius: 0.3}\n"
@@ -240,12 +176,3 @@ def test_a_move_that_begins_too_near_to_a_zone_is_no_matter_of_gaps() -> None:
     assert "starts in zone oak" in start.what
     assert "the way of the formation begins too near to zone oak" in move.what
     assert move.allowed.startswith("its centre at least ")
-
-
-def test_zones_are_lengths_of_the_file() -> None:
-    """In metres as in units."""
-    in_units = loads(f"{TEXT}zones:\n  x: {{circle: [20, 20], radius: 2}}\n").plan.zones
-    assert [(z.corners_m, z.radius_m, z.clearance_m) for z in in_units] == [
-        (((100.0, 100.0),), 10.0, 1.25)
-    ]
-    assert in_units[0].outline_m[0] == (110.0, 100.0)

@@ -13,8 +13,8 @@ from swarm_ctl.core.model.plan import Compensation, Limits, Plan, Response, Safe
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.mission.compile.forecast import FormForecast, forecast, forecast_forms
 from swarm_ctl.mission.compile.loader import load, loads
-from tests.unit.mission.example import TEXT, without_section
-from tests.unit.plans import steps_of, with_group
+from tests.unit.mission.example import without_section
+from tests.unit.plans import steps_of
 
 HEXAGON = Path(__file__).parents[4] / "missions" / "hexagon.yaml"
 
@@ -66,27 +66,6 @@ def test_two_agents_meet_as_the_closed_form_says() -> None:
     assert found.longest_link_m == pytest.approx(40)
 
 
-def test_the_speed_limit_slows_it_down() -> None:
-    plan = loads(PAIR).plan
-    (found,) = forms_of(dataclasses.replace(plan, limits=Limits(speed_mps=0.5)))
-    assert found.formed_s is not None
-    assert found.formed_s > 14.5 / 0.5
-
-
-def test_what_does_not_form_in_time_is_said() -> None:
-    plan = loads(PAIR.replace("settle_s: 0", "settle_s: 0, timeout_s: 1")).plan
-    (found,) = forms_of(plan)
-    assert found.formed_s is None
-
-
-def test_the_hexagon_forms_with_room_to_spare() -> None:
-    plan = load(HEXAGON).plan
-    (found,) = forms_of(plan)
-    assert found.formed_s is not None
-    assert 10 < found.formed_s < 40
-    assert found.smallest_m > plan.law.r_in * plan.unit_m
-
-
 def test_the_filter_flies_along() -> None:
     """Two that change places keep apart, as they do in flight; without the filter they do not."""
     text = PAIR.replace("{kind: line, spacing: 2}", "{kind: offsets, offsets: [[0, 8], [0, 0]]}")
@@ -112,16 +91,6 @@ def test_the_forecast_is_what_was_flown(
     assert found.formed_s is not None
     assert found.formed_s - settle_s == pytest.approx(formed_s, rel=0.2)
     assert found.smallest_m == pytest.approx(smallest_m, rel=0.1)
-
-
-def test_every_form_step_has_its_forecast_and_the_second_time_is_shorter() -> None:
-    plan = loads(TEXT).plan
-    assert [f.shape for f in forms_of(plan)] == ["ring", "row"]
-    form = steps_of(plan)[1]
-    assert isinstance(form, FormStep)
-    first, again = forms_of(with_group(plan, steps=(form, form)))
-    assert first.formed_s is not None
-    assert again.formed_s == pytest.approx(form.settle_s, abs=0.11)
 
 
 def test_one_agent_is_a_formation_at_once() -> None:
@@ -158,9 +127,3 @@ def test_take_off_and_landing_last_as_long_as_on_real_autopilots(
     first, _, last = forecast(plan, [kind])
     assert first.expected_s == pytest.approx(up_s, rel=0.1)
     assert last.expected_s == pytest.approx(down_s, rel=0.1)
-
-
-def test_the_slowest_autopilot_of_a_mixed_fleet_counts() -> None:
-    plan = loads(PAIR).plan
-    assert forecast(plan, ["px4", "ardupilot"])[0] == forecast(plan, ["px4"])[0]
-    assert forecast(plan, ["px4", "ardupilot"])[0] != forecast(plan, ["ardupilot"])[0]

@@ -4,21 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import textwrap
 from pathlib import Path
 
 import pytest
 import yaml
 
-from swarm_ctl.core.law import graph
-from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
-from swarm_ctl.core.model.fleet import FleetAgent
-from swarm_ctl.core.model.plan import Compensation, Policies, Policy
-from swarm_ctl.core.model.steps.form import FormStep
-from swarm_ctl.core.model.steps.hold import HoldStep
-from swarm_ctl.core.model.steps.land import LandStep
-from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.errors import MissionError
 from swarm_ctl.mission.compile.loader import dumps, load, loads
 from swarm_ctl.mission.fleet.fleet_file import read_fleet
@@ -27,51 +18,6 @@ from tests.unit.mission.example import TEXT, edited, without_section
 from tests.unit.plans import steps_of
 
 MISSIONS = Path(__file__).parents[4] / "missions"
-
-
-def test_the_hexagon_is_the_papers() -> None:
-    loaded = load(MISSIONS / "hexagon.yaml")
-    plan = loaded.plan
-    links = {agent.id: agent.neighbours for agent in plan.agents}
-    assert links == {1: (2, 3), 2: (1, 6), 3: (1, 5), 4: (5,), 5: (3, 4), 6: (2,)}, (
-        "the path 6-2-1-3-5-4"
-    )
-    assert graph.edges(links) == ((1, 2), (1, 3), (2, 6), (3, 5), (4, 5))
-    assert [agent.start for agent in plan.agents] == [
-        (14, 16),
-        (12, 12),
-        (10, 18),
-        (6, 12),
-        (6, 16),
-        (14, 10),
-    ]
-    assert (plan.law.r, plan.law.r_out, plan.law.r_in, plan.unit_m) == (4.5, 1.5, 0.5, 5)
-    assert (plan.kappa, plan.law.h, plan.tick_s, plan.compensation) == (
-        20,
-        0.05,
-        0.05,
-        Compensation.STOP_POINT,
-    )
-    takeoff, form, hold, land = steps_of(plan)
-    assert isinstance(takeoff, TakeoffStep)
-    assert takeoff.height_m == 10
-    assert isinstance(form, FormStep)
-    assert (form.tolerance_m, form.settle_s, form.timeout_s) == (0.5, 5, 120)
-    assert isinstance(hold, HoldStep)
-    assert hold.duration_s == 10
-    assert isinstance(land, LandStep)
-    assert plan.policies == Policies(agent_lost=Policy.LAND, station_lost=Policy.LAND)
-    assert loaded.warnings == ()
-
-
-def test_the_hexagon_is_regular_with_side_two() -> None:
-    plan = load(MISSIONS / "hexagon.yaml").plan
-    form = steps_of(plan)[1]
-    assert isinstance(form, FormStep)
-    around = sorted(form.slots, key=lambda slot: math.atan2(slot[1], slot[0]))
-    sides = [math.dist(a, b) for a, b in zip(around, around[1:] + around[:1], strict=True)]
-    assert sides == pytest.approx([2] * 6)
-    assert [math.hypot(*slot) for slot in around] == pytest.approx([2] * 6)
 
 
 @pytest.mark.parametrize("path", sorted(MISSIONS.glob("*.yaml")), ids=lambda path: path.stem)
@@ -83,32 +29,7 @@ def test_every_mission_of_the_project_loads_and_is_written_again(path: Path) -> 
     assert again.fleet == loaded.fleet
 
 
-def test_an_agent_needs_little_more_than_a_start() -> None:
-    plan = loads(without_section("fleet").replace("  kappa: 20\n", "")).plan
-    assert (plan.kappa, plan.law.h) == (20, 0.2), "one iteration a tick, kappa * h = 4"
-    assert plan.policies == Policies()
-    assert all(step.timeout_s > 0 for step in steps_of(plan))
-
-
-def test_without_compensation_the_gain_is_the_papers() -> None:
-    assert loads(edited(("kappa: 20", "compensation: none"))).plan.law.h == 0.005
-
-
-@pytest.mark.parametrize(("height_m", "climb_mps"), [(1, 5), (10, 1), (120, 0.1)])
-def test_time_outs_by_default_leave_room_for_the_height(height_m: float, climb_mps: float) -> None:
-    limits = f"vehicle: {{limits: {{climb_mps: {climb_mps}}}}}\nlaw:"
-    text = edited(("height_m: 10", f"height_m: {height_m}"), ("law:", limits))
-    steps = steps_of(loads(text).plan)
-    assert steps[0].timeout_s > 1.5 * height_m / climb_mps
-    assert steps[-1].timeout_s > 30 + height_m / 0.5
-
-
 # --- numbers and words as YAML has them ---
-
-
-@pytest.mark.parametrize("number", ["5", "5.0", "5.", "+5", "0.5e1", "5e0", "50E-1"])
-def test_numbers_may_be_written_in_any_usual_way(number: str) -> None:
-    assert loads(edited(("unit_m: 5", f"unit_m: {number}"))).plan == loads(TEXT).plan
 
 
 @pytest.mark.parametrize("name", ["on", "no", "y", "010", "1_000", "2026-01-01", "0x1F"])
@@ -121,17 +42,6 @@ def test_words_that_older_yaml_would_turn_into_something_else_stay_words(name: s
     loaded = loads(text)
     assert (loaded.plan.name, steps_of(loaded.plan)[1].shape) == (name, name)  # type: ignore[union-attr]
     assert loads(dumps(loaded.file)).file == loaded.file
-
-
-@pytest.mark.parametrize("name", ["'1e3'", "'12'", "'true'", "'null'"])
-def test_words_that_look_like_values_are_written_in_quotes_again(name: str) -> None:
-    loaded = loads(edited(("name: trio", f"name: {name}")))
-    assert loads(dumps(loaded.file)).plan.name == name.strip("'")
-
-
-@pytest.mark.parametrize("land", ["- land: {}", "- land:", "- {land: }", '- "land"'])
-def test_land_may_be_written_short(land: str) -> None:
-    assert loads(edited(("- land\n", land + "\n"))).plan == loads(TEXT).plan
 
 
 # --- the hash ---
@@ -239,12 +149,7 @@ def test_the_papers_law_has_a_name() -> None:
         loads(edited(("law:\n", "law:\n  own: bogus\n")))
 
 
-@pytest.mark.parametrize(("old", "new"), CHANGES.items())
-def test_every_value_is_in_the_hash(old: str, new: str) -> None:
-    assert loads(changed(old, new)).plan.hash() != loads(TEXT).plan.hash()
-
-
-def test_the_changes_above_reach_every_field_of_a_plan() -> None:
+def test_every_value_is_in_the_hash() -> None:
     """A field added to the plan has to be added to CHANGES, too: this counts the leaves that they
     reach."""
 
@@ -264,10 +169,12 @@ def test_the_changes_above_reach_every_field_of_a_plan() -> None:
             return merged
         return {name: value}
 
-    before = leaves(loads(TEXT).plan)
-    reached = set()
+    plan = loads(TEXT).plan
+    before, reached = leaves(plan), set[str]()
     for old, new in CHANGES.items():
-        after = leaves(loads(changed(old, new)).plan)
+        other = loads(changed(old, new)).plan
+        assert other.hash() != plan.hash(), new
+        after = leaves(other)
         reached |= {
             key for key in before.keys() | after.keys() if before.get(key) != after.get(key)
         }
@@ -278,28 +185,6 @@ def test_the_changes_above_reach_every_field_of_a_plan() -> None:
 
 
 # --- fleets ---
-
-
-def copter(k: int, **changes: str) -> FleetAgent:
-    """The entry of agent k, as it is by default."""
-    answers = AUTOPILOT_KINDS["ardupilot"].response
-    return FleetAgent(k, k, "ardupilot", response=answers, agent_sysid=251 - k, **changes)
-
-
-def test_the_fleet_has_one_entry_per_agent_sorted() -> None:
-    fleet = loads(TEXT).fleet
-    assert fleet.agents == (
-        copter(1, endpoint="udpout:10.0.0.1:14550", mesh="tcp/10.0.0.1:7447"),
-        copter(2, endpoint="udpout:10.0.0.2:14550", mesh="tcp/10.0.0.2:7447"),
-        FleetAgent(3, 3, "px4", response=AUTOPILOT_KINDS["px4"].response, agent_sysid=248),
-    )
-    assert fleet.agent(3).autopilot == "px4"
-    with pytest.raises(KeyError):
-        fleet.agent(4)
-
-
-def test_without_a_fleet_all_are_simulated() -> None:
-    assert loads(without_section("fleet")).fleet.agents == tuple(copter(k) for k in (1, 2, 3))
 
 
 def test_the_same_mission_flies_with_another_fleet(tmp_path: Path) -> None:
@@ -365,75 +250,24 @@ def test_unreadable_fleet_files(
 @pytest.mark.parametrize(
     ("edit", "line", "text"),
     [
-        (
-            ("[0, 3]", "[0, 1]"),
-            11,
-            "agents: agents 1 and 2 start 1 units (5 m) apart, inside each other's avoidance",
-        ),
-        (
-            ("- [0, 4]", "- [0, 5]"),
-            27,
-            (
-                "step 4, form.shape: row stretches the link 1-2 to 5 units (25 m), beyond law.r ="
-                " 4.5 units (22.5 m); r of 5 units (25 m) is enough"
-            ),
-        ),
-        (
-            ("hold: {duration_s: 10}", "move: {by: [160, 0]}"),
-            26,
-            "step 3, move: goes 160 units (800 m) from the starts, out of a pilot's sight",
-        ),
-        (
-            ("hold: {duration_s: 10}", "hold: {duration_s: 1000}"),
-            26,
-            "step 3, hold: takes 1000 s at least, of a flight of 1020 s: most batteries end",
-        ),
-        (
-            ("hold: {duration_s: 10}", "move: {by: [1, 0], speed_mps: 0.1}"),
-            26,
-            "step 3, move.speed_mps: 0.1 m/s is less than a GPS position drifts",
-        ),
-        (
-            ("hold: {duration_s: 10}", "rotate: {angle_deg: 1.57}"),
-            26,
-            "step 3, rotate.angle_deg: 1.57 degrees; if radians were meant: 90",
-        ),
+        (("[0, 3]", "[0, 1]"), 11, "agents: agents 1 and 2 start 1 units (5 m) apart, inside each other's avoidance"),
+        (("- [0, 4]", "- [0, 5]"), 27, ("step 4, form.shape: row stretches the link 1-2 to 5 units (25 m), beyond law.r =" " 4.5 units (22.5 m); r of 5 units (25 m) is enough")),
+        (("hold: {duration_s: 10}", "move: {by: [160, 0]}"), 26, "step 3, move: goes 160 units (800 m) from the starts, out of a pilot's sight"),
+        (("hold: {duration_s: 10}", "hold: {duration_s: 1000}"), 26, "step 3, hold: takes 1000 s at least, of a flight of 1020 s: most batteries end"),
+        (("hold: {duration_s: 10}", "move: {by: [1, 0], speed_mps: 0.1}"), 26, "step 3, move.speed_mps: 0.1 m/s is less than a GPS position drifts"),
+        (("hold: {duration_s: 10}", "rotate: {angle_deg: 1.57}"), 26, "step 3, rotate.angle_deg: 1.57 degrees; if radians were meant: 90"),
         (("height_m: 10", "height_m: 1"), 24, "step 1, takeoff.height_m: 1 m: rotors blow back"),
-        (
-            ("shape: ring}", "shape: ring, tolerance_m: 6}"),
-            25,
-            "step 2, form.tolerance_m: 6 m is more than half of what ring's slots are apart",
-        ),
-        (
-            ("  agent_lost: land", "  max_speed_mps: 4"),
-            30,
-            "policies.max_speed_mps: 4 m/s is not above vehicle.limits.speed_mps = 5: land",
-        ),
-        (
-            ("  agent_lost: land", "  battery_reserve_percent: 80"),
-            30,
-            "policies.battery_reserve_percent: 80 %: land with more than half of the battery",
-        ),
+        (("shape: ring}", "shape: ring, tolerance_m: 6}"), 25, "step 2, form.tolerance_m: 6 m is more than half of what ring's slots are apart"),
+        (("  agent_lost: land", "  max_speed_mps: 4"), 30, "policies.max_speed_mps: 4 m/s is not above vehicle.limits.speed_mps = 5: land"),
+        (("  agent_lost: land", "  battery_reserve_percent: 80"), 30, "policies.battery_reserve_percent: 80 %: land with more than half of the battery"),
         (("r_in: 0.5", "r_in: 0.1"), 9, "law.r_in: 0.5 m"),
-        (
-            ("  kappa: 20", "  kappa: 20\n  h: 0.05\n  compensation: none"),
-            12,
-            "law.compensation: none, with kappa",
-        ),
+        (("  kappa: 20", "  kappa: 20\n  h: 0.05\n  compensation: none"), 12, "law.compensation: none, with kappa"),
         (("  kappa: 20", "  kappa: 20\n  h: 0.3"), 11, "law.h: kappa * h [1/s] is 6, outside"),
         (("shape: row", "shape: ring"), 17, "shapes.row: no step forms it"),
-        (
-            ("  row:", "  pair: {kind: line, spacing: 3, count: 2}\n  row:"),
-            17,
-            "shapes.pair: no step forms it, and no order can: it has 2 slots for 3 agents",
-        ),
-        (
-            ("  agent_lost: land", "  wind_limit_mps: 8"),
-            30,
-            "policies.wind_limit_mps: acts only on vehicles that estimate the wind",
-        ),
+        (("  row:", "  pair: {kind: line, spacing: 3, count: 2}\n  row:"), 17, "shapes.pair: no step forms it, and no order can: it has 2 slots for 3 agents"),
+        (("  agent_lost: land", "  wind_limit_mps: 8"), 30, "policies.wind_limit_mps: acts only on vehicles that estimate the wind"),
     ],
-)
+)  # fmt: skip
 def test_what_is_allowed_but_doubtful_is_said(edit: tuple[str, str], line: int, text: str) -> None:
     (warning,) = loads(edited(edit), "trio.yaml").warnings
     assert warning.startswith(f"trio.yaml:{line}: {text}")

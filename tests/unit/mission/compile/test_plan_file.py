@@ -21,7 +21,7 @@ from swarm_ctl.core.model.steps.hold import HoldStep
 from swarm_ctl.core.model.steps.land import LandStep
 from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.errors import InputError
-from swarm_ctl.mission.compile.loader import load, loads
+from swarm_ctl.mission.compile.loader import loads
 from swarm_ctl.mission.compile.plan_file import (
     is_plan_file,
     plan_from_json,
@@ -33,7 +33,6 @@ from tests.unit.mission.example import edited
 from tests.unit.plans import steps_of, with_group
 from tests.unit.report.run_folders import PLAN, manifest
 
-MISSIONS = sorted((Path(__file__).parents[4] / "missions").glob("*.yaml"))
 FLEET = Fleet(tuple(FleetAgent(agent.id, agent.id, "px4") for agent in PLAN.agents))
 
 numbers = st.floats(-1e6, 1e6, allow_nan=False)
@@ -60,18 +59,6 @@ def test_a_plan_comes_back_as_it_was(chosen: tuple[Any, ...], unit_m: float, nam
     assert [type(step) for step in steps_of(again(plan))] == [type(step) for step in chosen]
 
 
-@pytest.mark.parametrize("mission", MISSIONS, ids=lambda path: path.stem)
-def test_every_mission_comes_back_with_its_fleet(mission: Path, tmp_path: Path) -> None:
-    loaded, path = load(mission), tmp_path / "plan.json"
-    path.write_text(plan_to_json(loaded.plan, loaded.fleet))
-    assert is_plan_file(path)
-    assert not is_plan_file(mission)
-    found = read_plan(path)
-    assert found.plan == loaded.plan
-    assert found.plan.hash() == loaded.plan.hash()
-    assert found.fleet == loaded.fleet.agents
-
-
 @pytest.mark.parametrize("speed_mps", [0.1, 0.15, 0.2, 0.25, 0.3, 5, 8])
 def test_what_a_mission_derives_is_within_the_bounds_of_its_plan(speed_mps: float) -> None:
     """A mission that is accepted gives a plan file that is. Twice 0.1 m/s is no speed limit."""
@@ -81,12 +68,6 @@ def test_what_a_mission_derives_is_within_the_bounds_of_its_plan(speed_mps: floa
     assert plan == loaded.plan
     assert plan.policies.max_speed_mps == max(0.5, 2 * speed_mps)
     assert plan.policies.return_speed_mps == max(0.1, speed_mps / 2)
-
-
-def test_a_plan_built_with_whole_numbers_has_the_same_hash() -> None:
-    plan = replace(with_group(PLAN, steps=(LandStep(90),)), unit_m=5)
-    assert again(plan).hash() == plan.hash()
-    assert len(plan.fingerprint()) == 16
 
 
 def _places(value: Any, path: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:

@@ -75,38 +75,12 @@ def test_only_the_response_changes(before: str, newline: str) -> None:
     assert written == (head + ENTRIES[before]).replace("\n", newline)
 
 
-def test_a_fleet_inside_a_mission() -> None:
-    """The agents of the mission are not those of its fleet."""
-    text = "agents:\n  - {id: 3, start: [0, 0]}\nfleet:\n  agents:\n  - {id: 3}\n"
-    assert with_response(text, 3, FOUND).endswith(
-        f"fleet:\n  agents:\n  - {{id: 3, response: {TEXT}}}\n"
-    )
-    assert "start: [0, 0]}\n" in with_response(text, 3, FOUND)
-
-
-def test_twice_is_once() -> None:
-    once = with_response("agents:\n  - id: 3\n", 3, FOUND)
-    assert with_response(once, 3, FOUND) == once
-
-
 @given(dead=st.integers(0, 200), lag=st.integers(2, 500), most=st.integers(1, 200))
 def test_what_is_written_is_what_is_read(dead: int, lag: int, most: int) -> None:
     found = Response(dead / 100, lag / 100, most / 10)
     data = yaml_file.parse(with_response("agents: [{id: 3}, {id: 4}]", 4, found), "").data
     assert Response(**data["agents"][1]["response"]) == found
     assert data["agents"][0] == {"id": 3}
-
-
-def test_a_list_of_wrong_entries_is_not_too_short(tmp_path: Path) -> None:
-    """Each entry's mistake is told, and none that is not there."""
-    file = tmp_path / "fleet.yaml"
-    file.write_text("agents: [{id: 1, vehicle: nonsense}, {id: 2, vehicle: nonsense}]")
-    with pytest.raises(MissionError) as told:
-        read_fleet(file)
-    assert [problem.field for problem in told.value.problems] == [
-        "agents#1.vehicle",
-        "agents#2.vehicle",
-    ]
 
 
 def test_an_agent_that_is_not_there() -> None:
@@ -125,45 +99,20 @@ def test_a_fleet_is_read_without_a_mission(tmp_path: Path) -> None:
     assert (second.id, second.sysid, second.response) == (2, 9, AUTOPILOT_KINDS["px4"].response)
 
 
-def test_two_vehicles_on_separate_links_may_have_one_sysid(tmp_path: Path) -> None:
-    """`measure` flies them one after another; a mission refuses them."""
-    path = tmp_path / "fleet.yaml"
-    endpoints = ("tcp:127.0.0.1:5760", "tcp:127.0.0.1:5770")
-    rows = [f"  - {{id: {k}, sysid: 1, endpoint: '{x}'}}\n" for k, x in enumerate(endpoints, 1)]
-    path.write_text("agents:\n" + "".join(rows))
-    assert [entry.sysid for entry in read_fleet(path).agents] == [1, 1]
-
-
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        (
-            "agents:\n  - {id: 1, respons: {}}\n",
-            "fleet.yaml:2: agents#1.respons: unknown field; did you mean response?",
-        ),
-        (
-            "agents:\n  - {id: 1}\n  - {id: 1}\n",
-            "fleet.yaml:3: agents#2.id: 1 is taken by agents#1",
-        ),
+        ("agents:\n  - {id: 1, respons: {}}\n", "fleet.yaml:2: agents#1.respons: unknown field; did you mean response?"),
+        ("agents:\n  - {id: 1}\n  - {id: 1}\n", "fleet.yaml:3: agents#2.id: 1 is taken by agents#1"),
         ("agents: []\n", "fleet.yaml:1: agents"),
         ("agents:\n  - {id: 1, host: -oProxyCommand=x}\n", 'fleet.yaml:2: agents#1.host: "-o'),
         ('agents:\n  - {id: 1, host: "a b"}\n', 'fleet.yaml:2: agents#1.host: "a b"'),
-        (
-            "agents:\n  - {id: 1, host: a}\n  - {id: 2}\n",
-            "fleet.yaml:3: agents#2: agent 2 has no host, and other agents have one",
-        ),
-        (
-            "router: tcp/a:1\nagents:\n  - {id: 1, host: a}\n  - {id: 2, host: a, router: tcp/b:2}",
-            "fleet.yaml:4: agents#2.router: a has the router tcp/a:1 already",
-        ),
-        (
-            "agents:\n"
-            + "".join(f"  - {{id: {i}, host: a, endpoint: 'udpin:h:1'}}\n" for i in (1, 2)),
-            "udpin:h:1 of a is taken by agents#1",
-        ),
+        ("agents:\n  - {id: 1, host: a}\n  - {id: 2}\n", "fleet.yaml:3: agents#2: agent 2 has no host, and other agents have one"),
+        ("router: tcp/a:1\nagents:\n  - {id: 1, host: a}\n  - {id: 2, host: a, router: tcp/b:2}", "fleet.yaml:4: agents#2.router: a has the router tcp/a:1 already"),
+        ("agents:\n" + "".join(f"  - {{id: {i}, host: a, endpoint: 'udpin:h:1'}}\n" for i in (1, 2)), "udpin:h:1 of a is taken by agents#1"),
         ("agents:\n  - {id: 1, endpoint: 'udpout:h:99999'}\n", "port 99999 is out of range"),
     ],
-)
+)  # fmt: skip
 def test_mistakes_have_their_line(tmp_path: Path, text: str, told: str) -> None:
     path = tmp_path / "fleet.yaml"
     path.write_text(text)
@@ -228,18 +177,6 @@ def test_where_the_fleet_of_a_mission_stands(tmp_path: Path) -> None:
     assert file_of(path) is None
 
 
-def test_hosts_have_their_agents_and_serial_ports_of_their_own(tmp_path: Path) -> None:
-    path = tmp_path / "fleet.yaml"
-    serial = "endpoint: 'serial:/dev/ttyACM0'"
-    rows = [f"  - {{id: {k}, host: {h}, {serial}}}\n" for k, h in ((1, "b.local"), (2, "10.0.0.2"))]
-    path.write_text("agents:\n" + "".join(rows) + "  - {id: 3, host: b.local}\n")
-    hosts = read_fleet(path).hosts()
-    assert {name: [a.id for a in agents] for name, agents in hosts.items()} == {
-        "b.local": [1, 3],
-        "10.0.0.2": [2],
-    }
-
-
 def radio_fleet(tmp_path: Path, endpoint: str, more: str = "", count: int = 3) -> Path:
     path = tmp_path / "radio.yaml"
     entries = "".join(f"  - {{id: {i}, endpoint: '{endpoint}'}}\n" for i in range(1, count + 1))
@@ -262,12 +199,6 @@ def test_another_endpoint_is_shared_only_where_the_fleet_says_what_it_carries(
         read_fleet(radio_fleet(tmp_path, "udpin:127.0.0.1:14550"))
     path = radio_fleet(tmp_path, "udpin:127.0.0.1:14550", "radio_bytes_per_s: 4000\n")
     assert {a.radio and a.radio.bytes_per_s for a in read_fleet(path).agents} == {4000}
-
-
-def test_an_endpoint_of_one_agent_is_no_shared_radio(tmp_path: Path) -> None:
-    path = radio_fleet(tmp_path, "serial:/dev/ttyUSB0:57600", count=1)
-    (agent,) = read_fleet(path).agents
-    assert (agent.endpoint, agent.radio) == ("serial:/dev/ttyUSB0:57600", None)
 
 
 def test_vehicles_behind_one_radio_have_sysids_of_their_own(tmp_path: Path) -> None:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import get_args
-
 import pytest
 
 from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.loader import kinds_of, load
-from swarm_ctl.mission.sections.fleet_section import FleetEntry
 from tests.system.running import HEXAGON
 
 S, A, P = VehicleKind
@@ -33,12 +30,6 @@ def test_kinds_are_dealt_in_turn_or_named_by_agent(given: str, kinds: list[Vehic
 def test_a_wrong_choice_is_refused_with_what_is_allowed(given: str) -> None:
     with pytest.raises(InputError, match="allowed: "):
         kinds_of(given, [1, 2, 3])
-
-
-def test_a_fleet_knows_each_kind_of_autopilot() -> None:
-    """And no other."""
-    field = FleetEntry.model_fields["autopilot"].annotation
-    assert set(get_args(field)) == AUTOPILOT_KINDS.keys()
 
 
 def test_the_choice_decides_autopilot_and_response() -> None:

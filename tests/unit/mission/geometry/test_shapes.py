@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
-from swarm_ctl.core.law.formation import distances, smallest_distance
+from swarm_ctl.core.law.formation import smallest_distance
 from swarm_ctl.core.model.arrays import Floats
 from swarm_ctl.mission.geometry.shapes import slots_of
 from swarm_ctl.mission.sections.shape_sections import Shape
@@ -46,26 +46,6 @@ def test_a_ring_by_side_has_that_side(count: int, side: float) -> None:
     ring = slots(count, kind="ring", side=side)
     assert np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1) == pytest.approx(side)
     assert np.ptp(np.linalg.norm(ring, axis=1)) == pytest.approx(0, abs=1e-9 * count * side)
-
-
-@given(counts, spacings)
-def test_a_ring_by_radius_has_that_radius(count: int, radius: float) -> None:
-    assert np.linalg.norm(slots(count, kind="ring", radius=radius), axis=1) == pytest.approx(radius)
-
-
-@given(
-    st.sampled_from(["ring", "line", "column", "grid", "vee", "wedge", "star"]),
-    counts,
-    st.floats(-360, 360),
-)
-def test_turning_keeps_every_distance(kind: str, count: int, turn: float) -> None:
-    sizes = {"ring": {"side": 2.0}, "star": {"radius": 5.0, "inner_radius": 2.0}}.get(
-        kind, {"spacing": 2.0}
-    )
-    straight = slots(count, kind=kind, **sizes)
-    turned = slots(count, kind=kind, rotation_deg=turn, **sizes)
-    assert len(straight) == count
-    assert distances(turned) == pytest.approx(distances(straight), abs=1e-9)
 
 
 @pytest.mark.parametrize(
