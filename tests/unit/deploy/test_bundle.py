@@ -18,20 +18,8 @@ from swarm_ctl.deploy.bundle import Bundle, bundles_of, own_routers, unpacked
 from swarm_ctl.deploy.logs import pack_logs, unpack_logs
 from swarm_ctl.deploy.services import units_of
 from swarm_ctl.errors import InputError
-from swarm_ctl.mission.compile.plan_file import plan_from_json
 from swarm_ctl.trust.bundle import unpacked as unpacked_keys
 from tests.unit.deploy.swarms import fleet, keys, plan, whole_hash
-
-
-def test_a_host_has_the_plan_and_its_own_agents() -> None:
-    made = bundles_of(plan(), fleet())
-    assert {host: b.manifest.agents for host, b in made.items()} == {
-        "drone1": (1, 2),
-        "drone2": (3,),
-    }
-    for bundle in made.values():
-        assert set(bundle.files) == {"manifest.json", "plan.json"}, "data alone"
-        assert plan_from_json(bundle.files["plan.json"]).plan_hash == plan().fingerprint()
 
 
 def test_keys_go_to_their_owners_host_alone(tmp_path: Path) -> None:

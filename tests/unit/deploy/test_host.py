@@ -13,7 +13,6 @@ import pytest
 
 from swarm_ctl.core.model.fleet import Fleet
 from swarm_ctl.deploy import host as host_module
-from swarm_ctl.deploy import services as services_module
 from swarm_ctl.deploy.bundle import Bundle, Service, bundles_of
 from swarm_ctl.deploy.host import Host
 from swarm_ctl.deploy.report import ReportedState
@@ -170,14 +169,6 @@ def test_keys_are_their_users_alone(host: Host, tmp_path: Path) -> None:
     assert f"{trust}/agent-2" in words
 
 
-def test_what_an_autopilot_needs_is_looked_at(host: Host, tmp_path: Path) -> None:
-    missing = tmp_path / "ttyACM0"
-    host.install(bundle(f"serial:{missing}:115200"))
-    assert f"{missing} is not there: is the autopilot on, and plugged in?" in (
-        host.report().attention
-    )
-
-
 def test_how_a_process_stands_is_in_its_flight(host: Host) -> None:
     """Running, ended by its own word, failed with what it said last, stopped."""
     host.install(bundle())
@@ -248,11 +239,3 @@ def test_systemd_is_asked_as_the_user(tmp_path: Path, monkeypatch: pytest.Monkey
         asked = log.read_text().split("\n")
         assert "--user start swarm-ctl-agent@1.service" in asked
         assert "--user stop --no-block swarm-ctl-agent@1.service" in asked
-
-
-def test_systemd_serves_where_it_has_booted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for there, kind in ((True, Systemd), (False, Plain)):
-        monkeypatch.setattr(services_module, "_BOOTED", tmp_path if there else tmp_path / "no")
-        assert isinstance(services_module.services_of(tmp_path / "a/b/c/d/e"), kind)

@@ -85,14 +85,6 @@ def test_a_host_that_is_offline_gets_it_when_it_is_back(monkeypatch: pytest.Monk
     assert {word for _, word in script.calls} == {"state", "install"}, "nothing was started"
 
 
-def test_a_host_that_stays_away_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    Script(monkeypatch, offline=1000)
-    states, _ = brought(0.05)
-    assert (states["drone2"].reach, states["drone2"].words) == (Reach.OFFLINE, "No route to host")
-    assert states["drone2"].report is None
-    assert not states["drone1"].words
-
-
 @pytest.mark.parametrize(
     ("report", "told"),
     [
@@ -113,14 +105,6 @@ def test_what_keeps_a_host_from_flying_the_plan(
     assert states["drone2"].words == told
     assert f"drone2: {told}" in lines
     assert ("drone2", "start") not in script.calls
-
-
-def test_an_edited_endpoint_is_another_plan(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a host that has the mission with another fleet: the plan's own hash is the same."""
-    made = bundles_of(plan(), fleet(endpoint="serial:/dev/ttyACM0"))["drone2"].manifest
-    assert made.whole_hash != whole_hash()
-    Script(monkeypatch, **running(made.whole_hash))
-    assert brought()[0]["drone2"].words.startswith(f"agent-3: runs with plan {made.whole_hash}")
 
 
 def test_status_compares_with_a_mission_and_the_fleet_that_is_asked_about(tmp_path: Path) -> None:
@@ -219,17 +203,6 @@ def ssh_is(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None:
     (folder / "ssh").write_text(f"#!/bin/sh\n{script}\n")
     (folder / "ssh").chmod(0o755)
     monkeypatch.setenv("PATH", str(folder), prepend=os.pathsep)
-
-
-def test_what_travels_is_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A bundle to the host, and its logs to a file here: longer than a pipe holds."""
-    ssh_is(tmp_path, monkeypatch, "cat")
-    data = bytes(range(256)) * 4000
-    with (tmp_path / "out").open("w+b") as out:
-        answer = Ssh().ask("drone3", ["install", "-"], 60.0, data, out, len(data))
-        out.seek(0)
-        assert (answer.reach, out.read()) == (Reach.ANSWERED, data)
-    assert Ssh().ask("drone3", ["state"], 60.0, b"here").out == b"here"
 
 
 @pytest.mark.parametrize("script", ["yes", "yes >&2 & exec yes", "(sleep 60 & yes)"])

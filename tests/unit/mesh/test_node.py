@@ -24,11 +24,10 @@ from swarm_ctl.core.model.messages import (
     RefusalReason,
     Tuning,
 )
-from swarm_ctl.core.model.planned_formation import Frame
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.gate import RECENT_S
-from swarm_ctl.mesh.keys import CHANNELS, Channel, owner_of
+from swarm_ctl.mesh.keys import CHANNELS, Channel
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.payloads import VERSION, encode
@@ -86,21 +85,6 @@ def test_a_payload_belongs_to_its_key(channel: Channel[Any]) -> None:
     assert (refusal.count, mesh.node.bad_payloads) == (1, 1)
 
 
-@pytest.mark.parametrize("key", ["007", "+7", "７", "7 ", "seven", "-7"])
-def test_an_agent_has_one_key(key: str) -> None:
-    """No other spelling of its id is its key."""
-    mesh = Mesh()
-    mesh.put(f"swarm/test/agent/{key}/state", encode(of(keys.STATE, 7)))
-    assert mesh.taken(keys.STATE) == []
-
-
-def test_a_command_has_the_name_of_its_sender() -> None:
-    mesh = Mesh()
-    mesh.say(keys.COMMAND, "desk", Command("a", "hold", (), 1.0))
-    (taken,) = mesh.taken(keys.COMMAND)
-    assert taken.station == "desk"
-
-
 @given(
     st.sampled_from(CHANNELS),
     st.lists(
@@ -143,21 +127,6 @@ def test_what_is_too_large_is_not_even_copied(channel: Channel[Any]) -> None:
     assert (f"{channel.publisher} {owner}", RefusalReason.TOO_LARGE) in mesh.refused()
 
 
-def test_a_subscription_keeps_a_round_of_messages_of_the_largest_swarm() -> None:
-    """In lockstep all 250 agents send their status before the station reads the first."""
-    for channel in keys.CHANNELS:
-        assert 500 <= channel.bounds.queue <= keys.QUEUE
-
-
-def test_bounds_fit_what_is_sent() -> None:
-    """The fixed layouts are as large as the table says; of JSON there is room for 250 agents."""
-    led = Frame((0.0, 0.0), velocity_mps=(1.0, 0.0))
-    longest = replace(STATE, goal_height_m=20.0, frame=led)
-    assert len(encode(longest)) == keys.STATE.bounds.size == keys.FAR.bounds.size
-    for channel in CHANNELS:
-        assert len(encode(PAYLOADS[channel.payload])) <= channel.bounds.size
-
-
 @pytest.mark.parametrize("owner", [7, 3], ids=["a stranger", "an agent of the plan"])
 def test_a_flood_of_one_takes_nothing_from_the_others(owner: int) -> None:
     """Of 4,000 states under one key, its allowance is read, the newest ones; all five others are
@@ -178,16 +147,6 @@ def test_a_flood_of_one_takes_nothing_from_the_others(owner: int) -> None:
     for k in range(4000):
         mesh.say(keys.STATE, owner, replace(of(keys.STATE, owner), seq=k))
     assert len(mesh.taken(keys.STATE)) == bounds.per_s
-
-
-def test_a_flood_of_commands_does_not_hide_another_stations() -> None:
-    mesh = Mesh()
-    mesh.say(keys.COMMAND, "desk", Command("land", "land", (), 1.0))
-    for k in range(4000):
-        mesh.say(keys.COMMAND, "stranger", Command(f"{k}", "hold", (99,), 1.0))
-    taken = mesh.taken(keys.COMMAND)
-    assert taken[0].id == "land"
-    assert len(taken) == 1 + keys.COMMAND.bounds.burst
 
 
 def test_owners_without_number_share_one_allowance() -> None:
@@ -246,12 +205,6 @@ def test_refusals_are_told_for_ten_seconds() -> None:
     mesh.now += 0.1
     assert mesh.node.refused(mesh.now) == ()
     assert mesh.node.bad_payloads == 1
-
-
-def test_the_owner_of_a_key() -> None:
-    assert owner_of("swarm/S/agent/3/state") == ("agent", "3")
-    assert owner_of("swarm/S/station/station-77-a1/command") == ("station", "station-77-a1")
-    assert owner_of("") == ("", "")
 
 
 def test_the_largest_swarm_fits() -> None:

@@ -149,14 +149,6 @@ def test_the_roll_call_is_heard_and_is_no_message() -> None:
     assert hears.give(1) == []
 
 
-def test_an_outsider_is_heard_when_it_comes() -> None:
-    """A message without a mark, of a process that is no member."""
-    hears = Listener()
-    hears.wire.come.append((keys.STATE.key("test", 9), b"from outside", b""))
-    assert hears.lacks(5) == []
-    assert hears.give(5) == [b"from outside"]
-
-
 def test_an_outsider_can_not_speak_as_a_member() -> None:
     """Under another key a mark counts for nothing: the member is still waited for."""
     hears = Listener()

@@ -12,7 +12,7 @@ import zenoh
 
 from swarm_ctl.cli.shared.options import zenoh_settings
 from swarm_ctl.errors import InputError
-from swarm_ctl.mesh.access import _OURS, for_zenoh, is_set
+from swarm_ctl.mesh.access import _OURS, is_set
 from swarm_ctl.mesh.zenoh_config import MeshPart, configuration, read_settings
 
 FREE = {"aggregation", "gateway", "metadata", "open", "queries_default_timeout", "region_name"}
@@ -151,9 +151,3 @@ def test_where_a_process_listens(listen: str, told: list[str]) -> None:
     change."""
     config = configuration([listen], [], 1.0, patient=False)
     assert json.loads(config.get_json("listen/endpoints")) == told
-
-
-@pytest.mark.parametrize(("named", "told"), [("tcp", "tls/{}"), ("udp", "quic/{}?mixed_rel=1")])
-def test_with_keys_every_link_is_tls(named: str, told: str) -> None:
-    at = "10.0.0.5:7447"
-    assert for_zenoh(f"{named}/{at}", protected=True) == told.format(at)

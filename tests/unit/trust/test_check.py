@@ -140,11 +140,6 @@ def test_dates(made: Path, passed: timedelta, words: str) -> None:
     assert all(words in each.attention[0] for each in report.members)
 
 
-def test_the_ca_ends_too(made: Path) -> None:
-    """After five years."""
-    assert "the CA's certificate expired on" in texts(check(made, NOW + timedelta(days=5 * 366)))
-
-
 def test_a_fleet_with_another_address_or_another_agent(made: Path) -> None:
     """Both are named, with the command that helps."""
     found = texts(check(made, NOW, FleetNames({1: "tcp/10.0.0.1:7447", 9: None})))

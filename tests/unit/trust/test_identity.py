@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from datetime import timedelta
 from pathlib import Path
 
@@ -114,8 +113,3 @@ def test_the_only_operator_needs_no_name(made: Path) -> None:
         identity_folder(made, Role.AGENT)
     with pytest.raises(TrustError, match="has no operator bob"):
         identity_folder(made, Role.OPERATOR, "bob")
-
-
-def test_the_roster_is_plain_json(made: Path) -> None:
-    """Other tools may read it."""
-    assert json.loads((made / "roster.json").read_text())["epoch"] == 1
