@@ -17,12 +17,9 @@ from typing import Any, Final
 
 import pytest
 import typer
-from rich.table import Table
-from rich.text import Text
 
 from swarm_ctl.cli.app import app, main
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.commands.parse import KINDS
 from swarm_ctl.errors import StartError
 
 GROUP = typer.main.get_command(app)
@@ -108,14 +105,6 @@ def test_the_list_of_commands_is_whole(
     assert all(re.search(rf"^  {name} +\S.*\.$", listed, re.MULTILINE) for name in names)
 
 
-def test_the_help_of_send_has_every_command(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert called(monkeypatch, "send", "--help") == 0
-    out = capsys.readouterr().out
-    assert all(re.search(rf"^  {kind.name} .*  ", out, re.MULTILINE) for kind in KINDS)
-
-
 @pytest.mark.parametrize("option", [("--speed", "3"), ("--by",)])
 def test_options_of_move_are_no_words_of_another_command(
     option: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -183,23 +172,6 @@ def test_what_the_system_refuses_later_is_one_line(
     monkeypatch.setattr("swarm_ctl.cli.missions.missions.require_writable", lambda *_: None)
     assert called(monkeypatch, "plan", MISSION, "--out", "/proc/plan.json") == 3
     assert capsys.readouterr().err == "error: /proc/plan.json: No such file or directory\n"
-
-
-def test_the_console_prints_text_as_it_is() -> None:
-    """Strings, texts and cells: brackets and colons mean nothing, control characters are gone."""
-    screen = io.StringIO()
-    table = Table("[b]", box=None)
-    table.add_row("\x1b[31m:smile:")
-    console = PlainConsole(file=screen, width=80)
-    console.say("[red]\x1b]0;title\x07\nnext")
-    console.print(Text("\x1b[2J"), table)
-    out = screen.getvalue()
-    assert "[red]\\x1b]0;title" in out
-    assert "\nnext\n" in out
-    assert "\\x1b[2J" in out
-    assert "[b]" in out
-    assert "\\x1b[31m" in out
-    assert "\x1b" not in out
 
 
 def test_the_pytest_plugin_imports_nothing_heavy() -> None:
@@ -277,8 +249,10 @@ def test_a_library_that_makes_an_error_of_the_end_does_not_show_one(tmp_path: Pa
     assert (done.returncode, done.stderr) == (130, b"ended: SIGTERM\n")
 
 
-@pytest.mark.parametrize("wait_s", [0.0, 0.1, 0.3])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    ("number", "wait_s"),
+    [(signal.SIGINT, 0.0), (signal.SIGTERM, 0.1), (signal.SIGHUP, 0.3), (signal.SIGINT, 0.3)],
+)
 def test_a_signal_ends_a_command_in_one_line(number: int, wait_s: float, tmp_path: Path) -> None:
     """While it still imports, too."""
     start = "import os, sys; from swarm_ctl.cli import main; os.write(1, b'up'); main.main()"

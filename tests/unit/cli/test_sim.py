@@ -54,26 +54,6 @@ def test_it_says_where_vehicles_listen_serves_them_and_ends_at_ctrl_c(tmp_path: 
     assert truth.read_text().splitlines()[-1].startswith('{"type":"end"')
 
 
-def test_over_tcp_a_client_hears_without_a_word() -> None:
-    base = base_port(socket.SOCK_STREAM)
-    command = [*COMMAND, "--tcp", "--base-port", str(base)]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as running:
-        try:
-            assert running.stdout is not None
-            for _ in range(3):
-                running.stdout.readline()
-            with contextlib.closing(
-                socket.create_connection(("127.0.0.1", base + 1), timeout=20.0)
-            ) as client:
-                assert client.recv(2000)[0] == 0xFD
-            running.terminate()
-            assert running.wait(20) == 0
-        finally:
-            running.kill()
-
-
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [

@@ -47,18 +47,6 @@ def test_a_bare_command(kind: str) -> None:
     assert (command.step, command.tuning, command.plan_hash) == (None, None, 0)
 
 
-def test_each_command_has_an_id_of_its_own() -> None:
-    assert len({build(Order("hold"), SWARM).id for _ in range(100)}) == 100
-
-
-def test_form_has_a_slot_for_each_agent() -> None:
-    """For this plan only."""
-    command = build(Order("form", ("hexagon",)), SWARM)
-    assert isinstance(command.step, FormStep)
-    assert len(command.step.slots) == len(PLAN.agents)
-    assert command.plan_hash == PLAN.hash()
-
-
 @pytest.mark.parametrize("mission", MISSIONS, ids=lambda path: path.stem)
 def test_a_plan_file_is_enough_to_order_each_shape_of_its_mission(mission: Path) -> None:
     """Also one that no step forms; one without a slot for each agent is none of the plan's."""
@@ -290,20 +278,6 @@ def test_before_and_after_the_split_the_whole_swarm_is_ordered() -> None:
         assert (command.agents, len(command.step.slots)) == ((), 12)
         with pytest.raises(InputError, match="now flies @all"):
             build(Order("form", ("wedge",), groups=("scouts",)), swarm)
-
-
-def test_a_shape_of_another_size_is_none_of_the_group() -> None:
-    few = tuple(s for s in GROUPS.shapes if s.name != "ring" or len(s.slots) == 12)
-    swarm = replace(in_groups(), plan=replace(GROUPS, shapes=few))
-    why = "shape ring has 12 slots, scouts 4 agents; allowed: block, line, wedge"
-    with pytest.raises(InputError, match=why):
-        build(Order("form", ("ring",), groups=("scouts",)), swarm)
-
-
-def test_the_fence_is_for_the_own_agents() -> None:
-    with pytest.raises(InputError, match=r"move: agent [5-9] would be outside the geofence"):
-        build(Order("move", ("150", "129"), groups=("sweepers",)), in_groups())
-    assert build(Order("move", ("140", "100"), groups=("scouts",)), in_groups()).agents == SCOUTS
 
 
 def test_the_rest_are_those_that_a_split_leaves_now() -> None:

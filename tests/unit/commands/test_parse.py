@@ -10,9 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.commands.parse import BY_NAME, KINDS, Order, complete, parse
-from swarm_ctl.core.agent import command_handler
-from swarm_ctl.core.model.plan import NamedAgents, ShapePlan
+from swarm_ctl.commands.parse import BY_NAME, Order, complete, parse
+from swarm_ctl.core.model.plan import NamedAgents
 from swarm_ctl.errors import InputError
 from tests.unit.plans import SCOUTS, groups_mission
 from tests.unit.station.swarm import hexagon_plan
@@ -89,11 +88,6 @@ def test_refusals_say_what_is_allowed(line: str, why: str) -> None:
         parse(line, PLAN)
 
 
-def test_a_shape_is_not_for_the_marked() -> None:
-    with pytest.raises(InputError, match="unmark"):
-        parse("form hexagon", PLAN, (1,))
-
-
 @given(st.text(max_size=40))
 def test_any_text_is_an_order_or_refused(line: str) -> None:
     with contextlib.suppress(InputError):
@@ -103,14 +97,6 @@ def test_any_text_is_an_order_or_refused(line: str) -> None:
 
 
 FALLS = {"land", "return", "kill", "expel", "launch"}
-
-
-@given(st.sampled_from([kind.name for kind in KINDS]), st.integers(0, 6))
-def test_completion_only_adds_and_never_lands(name: str, length: int) -> None:
-    """What lands, returns or kills is typed whole."""
-    found = [line.strip() for line in complete(name[:length], PLAN)]
-    assert all(line.startswith(name[:length]) and line not in FALLS for line in found)
-    assert name in found or length >= len(name) or name in FALLS
 
 
 @given(st.text("abdefhiklmnorstuvx @123=", max_size=12))
@@ -128,13 +114,6 @@ def test_completion_knows_the_arguments_of_each_command_alone() -> None:
     assert complete("land @", PLAN) == complete("kill ", PLAN) == complete("fly l", PLAN) == []
 
 
-def test_f_l_tab_is_form_line() -> None:
-    """Which once landed seven."""
-    plan = replace(PLAN, shapes=(*PLAN.shapes, ShapePlan("line", PLAN.shapes[0].slots)))
-    assert complete("form l", plan) == ["form line"]
-    assert complete("form ", plan) == ["form hexagon", "form line"]
-
-
 def test_completion_knows_the_law() -> None:
     """Names that are not given yet, with the mission's values."""
     assert complete("tune ", PLAN) == [
@@ -143,14 +122,6 @@ def test_completion_knows_the_law() -> None:
     assert complete("tune h", PLAN) == ["tune h=0.05"]
     assert complete("tune h=0.04 k", PLAN) == ["tune h=0.04 kappa=20"]
     assert complete("tune h=0.04 h", PLAN) == []
-
-
-def test_the_table_is_what_agents_take() -> None:
-    assert set(BY_NAME) == set(command_handler.KINDS)
-
-
-def test_every_kind_has_a_key_of_its_own() -> None:
-    assert len({kind.key for kind in KINDS}) == len(KINDS)
 
 
 def test_an_order_by_so_much_says_so() -> None:

@@ -55,16 +55,6 @@ def test_a_refusal_is_an_answer(mesh: Mesh) -> None:
     assert not sent.accepted
 
 
-@pytest.mark.parametrize("ack", [Ack(1, "c", False, "not meant"), Ack(2, "other", True, "")])
-def test_other_answers_do_not_count(mesh: Mesh, ack: Ack) -> None:
-    """Of an agent that was not meant, and to another command."""
-    sent = mesh.sender.send(Command("c", "hold", (2,), 0.0), 0.0)
-    mesh.sender.hear(ack)
-    mesh.sender.turn(0.1)
-    assert sent.acks == {}
-    assert not sent.over
-
-
 def test_silence_ends_it(mesh: Mesh) -> None:
     sent = mesh.sender.send(Command("c", "hold", (), 0.0), 0.0)
     mesh.sender.turn(GIVE_UP_WALL_S * 2.0)

@@ -71,14 +71,6 @@ def record(
     return made
 
 
-def test_a_phase_is_explained_in_the_recording_itself() -> None:
-    """Its numbers by name, for viewers that know no code of ours."""
-    (state,) = (topic.schema() for topic in TOPICS if topic.name == "state")
-    said = state["properties"]["phase"]
-    assert said["type"] == "integer"
-    assert "4 fly, 5 hold, 6 land" in said["description"]
-
-
 def test_read_gives_back_what_was_said(tmp_path: Path) -> None:
     """Every payload, in its order, equal in every field; and it folds into a model."""
     said = flight()
@@ -188,7 +180,7 @@ def test_cut_anywhere_it_is_recovered(
 def test_a_flipped_byte_costs_a_chunk_and_no_more(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """At 150 places of a file, and at each byte of the lengths in each chunk's head: all other
+    """At 60 places of a file, and at each byte of the lengths in each chunk's head: all other
     chunks are read, what is lost is said with its numbers, and no byte of the file is written."""
     monkeypatch.setattr(mcap_recorder, "_CHUNK_WALL_S", 0.02)
     made = McapRecorder(tmp_path, START_NS, {}, None)
@@ -207,7 +199,7 @@ def test_a_flipped_byte_costs_a_chunk_and_no_more(
     packed = [found.start() for found in re.finditer(rb"\x04\x00\x00\x00zstd", data)]
     lengths = (*range(9), *range(37, 41), *range(45, 53))  # of record, word zstd, what is packed
     heads = [start - 37 + k for start in packed[: len(chunks)] for k in lengths]
-    places = [rng.randrange(data.index(b"zstd"), last) for _ in range(150)]
+    places = [rng.randrange(data.index(b"zstd"), last) for _ in range(60)]
     for at in heads + places:
         path.write_bytes(flipped := data[:at] + bytes([data[at] ^ 0xFF]) + data[at + 1 :])
         damage = RecordingDamage()
@@ -227,7 +219,7 @@ def test_a_flipped_byte_costs_a_chunk_and_no_more(
             assert [message.data for message in messages(copy)] == found
             copy.unlink()
         assert path.read_bytes() == flipped
-    assert said > 50  # the others fell into the index
+    assert said > 30  # the others fell into the index
 
 
 def records_of_all(file: IO[bytes]) -> Iterator[Any]:
@@ -241,21 +233,6 @@ def _wait_for(condition: Any) -> None:
         if condition():
             return
         threading.Event().wait(0.005)
-
-
-def test_a_file_being_written_is_left_alone(tmp_path: Path) -> None:
-    made = McapRecorder(tmp_path, START_NS, {}, None)
-    made.take(flight()[0][0], 1.0)
-    inode = (tmp_path / recording.RECORDING).stat().st_ino
-    assert not recover(tmp_path)
-    made.close()
-    assert (tmp_path / recording.RECORDING).stat().st_ino == inode
-    assert counts(tmp_path)["/agent/1/state"] == 1
-
-
-def test_no_recording_is_an_input_error(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"recording\.mcap"):
-        list(recording.read(tmp_path))
 
 
 def test_a_state_of_an_earlier_version_is_read() -> None:

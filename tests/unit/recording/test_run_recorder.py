@@ -37,7 +37,7 @@ def test_a_full_disk_is_told_once(tmp_path: Path) -> None:
     assert (tmp_path / "commands.jsonl").read_bytes().count(b"\n") == 3
 
 
-@pytest.mark.parametrize(("agents", "lines"), [(4, 4 * 15), (32, 32 * 8), (100, 100 * 6.5)])
+@pytest.mark.parametrize(("agents", "lines"), [(4, 4 * 15), (32, 32 * 8)])
 def test_the_file_of_statuses_grows_no_faster_with_more_agents(
     tmp_path: Path, agents: int, lines: float
 ) -> None:

@@ -2,30 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from swarm_ctl.runfolder.files import Damage
-from swarm_ctl.runfolder.truth import (
-    TruthEnd,
-    TruthEvent,
-    TruthHeader,
-    TruthState,
-    load_truth,
-    read_truth,
-)
-from tests.unit.report.run_folders import (
-    CENTRE,
-    END,
-    LIFTOFF,
-    SYSIDS,
-    TOUCHDOWN,
-    position,
-    truth_lines,
-)
+from swarm_ctl.runfolder.truth import load_truth, read_truth
 
 SMALL = [
     '{"type":"header","version":1,"t":0.0,"origin":{"lat_deg":1.0,"lon_deg":2.0,"alt_m":3.0},"sysids":[7,9]}',
@@ -53,16 +36,6 @@ def test_a_whole_file(tmp_path: Path) -> None:
         (0.5, 9, "liftoff")
     ]
     assert (truth.complete, truth.last_s, truth.damage) == (True, 2.0, Damage())
-
-
-def test_records_come_in_their_order_one_by_one(tmp_path: Path) -> None:
-    records = read_truth(_write(tmp_path / "truth.jsonl", SMALL), Damage())
-    assert isinstance(next(records), TruthHeader)
-    assert isinstance(next(records), TruthEvent)
-    state = next(records)
-    assert isinstance(state, TruthState)
-    assert state.velocity_ned_mps[1] == (1.0, 0.0, 0.0)
-    assert isinstance(list(records)[-1], TruthEnd)
 
 
 def test_every_torn_length_gives_the_lines_before(tmp_path: Path) -> None:
@@ -94,26 +67,3 @@ def test_a_bad_line_is_counted_and_the_next_ones_are_read(tmp_path: Path, bad: s
     assert truth.damage == Damage(bad_lines=1)
     assert truth.minima == {(7, 9): 4.0}
     assert len(truth.time_s) == 1
-
-
-def test_a_file_without_a_header_has_no_vehicles(tmp_path: Path) -> None:
-    truth = load_truth(_write(tmp_path / "truth.jsonl", SMALL[1:]))
-    assert (truth.sysids, len(truth.time_s), truth.damage.bad_lines) == ((), 0, 1)
-
-
-def test_a_missing_file_is_the_callers_to_judge(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError):
-        load_truth(tmp_path / "truth.jsonl")
-
-
-def test_the_hand_made_flight_is_what_it_says(tmp_path: Path) -> None:
-    """The other tests' own ground."""
-    truth = load_truth(_write(tmp_path / "truth.jsonl", truth_lines()))
-    assert truth.sysids == SYSIDS
-    assert len(truth.time_s) == END * 10 + 1
-    assert json.loads(truth_lines()[0])["type"] == "header"
-    at = int(40.0 * 10)
-    np.testing.assert_allclose(truth.position_ned_m[at], [position(i, 40.0) for i in range(1, 7)])
-    np.testing.assert_allclose(truth.position_ned_m[at, :, :2].mean(axis=0), CENTRE)
-    flying = truth.time_s[truth.airborne.any(axis=1)]
-    assert (flying[0], flying[-1]) == (LIFTOFF, TOUCHDOWN - 0.1)
