@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from swarm_ctl.core.model.fleet import agent_sysids
@@ -58,25 +57,6 @@ def relay(tmp_path: Path, *gcs_ports: int, speedup: float = 1.0) -> Iterator[Sim
             process.kill()
 
 
-def test_qgroundcontrol_connects_to_each_of_six_vehicles(tmp_path: Path) -> None:
-    """Each of its first steps ends as it wants, without asking any command twice."""
-    with contextlib.closing(QGroundControl()) as qgc, relay(tmp_path, qgc.port):
-        assert qgc.find(6) == list(KINDS)
-        for sysid, kind in KINDS.items():
-            vehicle = qgc.connect(sysid)
-            assert vehicle.version.flight_sw_version > 0
-            assert vehicle.version.uid == sysid
-            assert vehicle.modes == (9 if kind == "ardupilot" else 10)
-            assert 0 not in (vehicle.metadata, vehicle.information)  # declined: no such thing
-            known = kind == "px4"
-            assert vehicle.protocol == (0 if known else mavlink.MAV_RESULT_UNSUPPORTED)
-            own = "MAV_SYSID" if kind == "ardupilot" else "MAV_SYS_ID"
-            assert own in vehicle.parameters
-            assert (vehicle.mission, vehicle.fence, vehicle.rally) == ([], [], [])
-            assert vehicle.home.latitude == pytest.approx(473_977_420, abs=10_000)
-        assert qgc.retries == []
-
-
 def test_plans_go_up_and_down_of_one_vehicle_alone(tmp_path: Path) -> None:
     """Mission, fence and rally points that QGroundControl writes are what it reads again."""
     with contextlib.closing(QGroundControl()) as qgc, relay(tmp_path, qgc.port):
@@ -107,28 +87,6 @@ def test_two_ground_stations_at_once_each_get_everything(tmp_path: Path) -> None
         for qgc in (one, other):
             qgc.find(6)
         assert one.connect(1).parameters == other.connect(1).parameters
-
-
-def test_pymavlinks_own_client_sees_all_and_flies_one(tmp_path: Path) -> None:
-    """mavutil, on which MAVProxy stands, listens on the port; a mode it sets acts on the vehicle
-    that it names."""
-    port = free_port()
-    with relay(tmp_path, port, speedup=2.0):
-        link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", source_system=255)
-        try:
-            modes: dict[int, int] = {}
-            until = time.monotonic() + 20.0
-            while modes.get(2) != 4 and time.monotonic() < until:
-                message = link.recv_match(type="HEARTBEAT", blocking=True, timeout=1.0)
-                if message is not None:
-                    modes[message.get_srcSystem()] = message.custom_mode
-                if len(modes) == len(KINDS):
-                    link.mav.command_long_send(2, 1, 176, 0, 1, 4, 0, 0, 0, 0, 0)
-            assert modes[2] == 4
-            assert modes[1] == modes[3] == 0
-            assert sorted(modes) == list(KINDS)
-        finally:
-            link.close()
 
 
 def test_mavsdk_finds_all_and_reads_parameters_of_one(tmp_path: Path) -> None:
