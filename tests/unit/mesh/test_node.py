@@ -3,6 +3,7 @@ rates are bounded by owner, and what is refused is told."""
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
@@ -18,6 +19,7 @@ from swarm_ctl.core.model.messages import (
     ClockNews,
     Command,
     Gains,
+    Glimpse,
     LinkReport,
     Phase,
     Refusal,
@@ -26,8 +28,8 @@ from swarm_ctl.core.model.messages import (
 )
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.mesh import keys
-from swarm_ctl.mesh.gate import RECENT_S
-from swarm_ctl.mesh.keys import CHANNELS, Channel
+from swarm_ctl.mesh.gate import RECENT_S, Gate, MeshSource, Refusals, Stations
+from swarm_ctl.mesh.keys import CHANNELS, Bounds, Channel
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.payloads import VERSION, encode
@@ -147,6 +149,102 @@ def test_a_flood_of_one_takes_nothing_from_the_others(owner: int) -> None:
     for k in range(4000):
         mesh.say(keys.STATE, owner, replace(of(keys.STATE, owner), seq=k))
     assert len(mesh.taken(keys.STATE)) == bounds.per_s
+
+
+def test_in_a_flood_under_an_agents_own_key_what_may_follow_is_read() -> None:
+    """As many again, the newest of a thousand that a tick looks at; nothing is asked of a
+    stranger's key, or of who speaks for another."""
+    channel, refusals, asked = replace(keys.STATE, bounds=Bounds(165, 1.0, 4)), Refusals(), set()
+    key = {agent: channel.key("test", agent) for agent in (3, 4, 7)}
+    gate = Gate(channel, [key[3], key[4]], refusals, Stations())
+
+    def likely(word: Glimpse, received_s: float) -> bool:
+        asked.add((word.agent, received_s))
+        return word.time_s == 5.0
+
+    def flood(under: int, count: int, **says: Any) -> list[Any]:
+        data = encode(replace(of(keys.STATE, under), **says))
+        return [(mesh_s, key[under], data)] * count
+
+    def read(*floods: list[Any]) -> Counter[tuple[str, bool]]:
+        taken = gate.admit([message for each in floods for message in each], likely)
+        return Counter((source.owner, data in honest) for _, source, data in taken)
+
+    mesh_s, honest = 100.0, {encode(replace(of(keys.STATE, k), time_s=5.0)) for k in (3, 7)}
+    forged, others = flood(7, 9, time_s=5.0), flood(4, 9, agent=5)
+    assert read(flood(3, 9, time_s=5.0), flood(3, 1020), flood(3, 4), forged, others) == {
+        ("agent 3", False): 4,  # the honest ones were not looked at
+        ("agent 7", True): 4,
+        ("agent 4", False): 4,
+    }
+    assert asked == {(3, 100.0)}
+    assert refusals.recent(100.0)[0].count == 5
+    mesh_s = 101.0
+    late = flood(3, 9, time_s=5.0)
+    assert read(late, flood(3, 500)) == {("agent 3", False): 1, ("agent 3", True): 4}
+    assert read(late) == {}  # its second allowance is used up, too
+    mesh_s = 103.0
+    assert read(flood(3, 9, time_s=5.0)) == {("agent 3", True): 4}
+
+
+STATIONS = [
+    ("just not for two seconds", (0.0, 1.9), False),
+    ("for two seconds", (0.0, 2.0), True),
+    ("rarely", (0.0, 60.0), True),
+    ("too rarely", (0.0, 60.1), False),
+    ("again after a silence", (0.0, 60.1, 62.1), True),
+    ("its clock was set back", (10.0, 12.0, 5.0), False),
+    ("and it goes on", (10.0, 12.0, 5.0, 7.0), True),
+]
+
+
+@pytest.mark.parametrize(
+    ("what", "beacons", "familiar"), STATIONS, ids=[row[0] for row in STATIONS]
+)
+def test_which_stations_are_familiar(what: str, beacons: Any, familiar: bool) -> None:
+    """Those whose beacons have come for two seconds, in one piece."""
+    stations = Stations()
+    for at_s in beacons:
+        stations.hear("desk", at_s)
+        stations.hear("x" * 257, at_s)
+    assert stations.familiar("desk") is familiar
+    assert not stations.familiar("x" * 257)
+    assert not stations.familiar("another")
+
+
+def test_names_that_come_once_take_no_place_for_long() -> None:
+    """A thousand are remembered; after a second of silence they make room, a familiar one after a
+    minute. They are looked through once in two seconds at most."""
+    stations = Stations()
+    for at_s in (0.0, 2.0):
+        stations.hear("desk", at_s)
+
+    def flood(at_s: float) -> None:
+        for k in range(2000):
+            stations.hear(f"evil-{k}", at_s)
+
+    flood(2.5)
+    for at_s in (2.6, 3.5, 4.5, 6.5, 8.4):
+        stations.hear("next", at_s)
+    assert not stations.familiar("next")  # it found its place at 6.5 s
+    stations.hear("next", 8.5)
+    assert stations.familiar("next")
+    for at_s, stays in ((30.0, True), (59.9, True), (62.0, False)):
+        flood(at_s)
+        assert stations.familiar("desk") is stays
+    assert stations.familiar("next")
+
+
+def test_an_allowance_fills_with_time() -> None:
+    """Up to its burst; where the clock is set back by more than a second, from there."""
+    source = MeshSource("agent 3", 3, Bounds(100, 10.0, 2))
+
+    def read(now: float) -> int:
+        return sum(source.admit(now) for _ in range(9))
+
+    assert [read(at) for at in (5.0, 5.0, 5.125, 5.25, 4.25, 4.375, 9.0)] == [2, 0, 1, 1, 0, 0, 2]
+    assert [read(at) for at in (3.0, 3.125)] == [0, 1]
+    assert [source.idle(at) for at in (63.125, 63.2)] == [False, True]
 
 
 def test_owners_without_number_share_one_allowance() -> None:
