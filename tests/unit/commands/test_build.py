@@ -280,6 +280,14 @@ def test_before_and_after_the_split_the_whole_swarm_is_ordered() -> None:
             build(Order("form", ("wedge",), groups=("scouts",)), swarm)
 
 
+def test_a_shape_of_another_size_is_none_of_the_group() -> None:
+    few = tuple(s for s in GROUPS.shapes if s.name != "ring" or len(s.slots) == 12)
+    swarm = replace(in_groups(), plan=replace(GROUPS, shapes=few))
+    why = "shape ring has 12 slots, scouts 4 agents; allowed: block, line, wedge"
+    with pytest.raises(InputError, match=why):
+        build(Order("form", ("ring",), groups=("scouts",)), swarm)
+
+
 def test_the_rest_are_those_that_a_split_leaves_now() -> None:
     """Or next: each split leaves others."""
     second = [replace(g, before=20, agents=g.agents[:1]) for g in GROUPS.groups if g.name == "rest"]

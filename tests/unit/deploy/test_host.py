@@ -169,6 +169,14 @@ def test_keys_are_their_users_alone(host: Host, tmp_path: Path) -> None:
     assert f"{trust}/agent-2" in words
 
 
+def test_what_an_autopilot_needs_is_looked_at(host: Host, tmp_path: Path) -> None:
+    missing = tmp_path / "ttyACM0"
+    host.install(bundle(f"serial:{missing}:115200"))
+    assert f"{missing} is not there: is the autopilot on, and plugged in?" in (
+        host.report().attention
+    )
+
+
 def test_how_a_process_stands_is_in_its_flight(host: Host) -> None:
     """Running, ended by its own word, failed with what it said last, stopped."""
     host.install(bundle())

@@ -122,7 +122,14 @@ def test_lost_frames_are_counted_by_seq_over_the_wrap_but_not_late_or_repeated_o
     assert link.counters.lost == 3 + 38
 
 
-@settings(max_examples=200)
+def test_fields_that_cannot_be_true_are_counted() -> None:
+    link, vehicle = make()
+    vehicle.say(wire.local_position((math.nan, 0.0, 0.0)), wire.global_position(lat=0, lon=0))
+    link.receive(1.0)
+    assert (link.counters.frames, link.counters.rejected, link.view().local) == (2, 2, None)
+
+
+@settings(max_examples=100)
 @given(st.lists(st.binary(max_size=300), max_size=10), st.sampled_from(GOALS))
 def test_hostile_bytes_raise_nothing_and_the_good_frame_after_them_is_heard(
     chunks: list[bytes], goal: Goal
@@ -136,7 +143,7 @@ def test_hostile_bytes_raise_nothing_and_the_good_frame_after_them_is_heard(
     assert link.view().heartbeat_s == 1.0
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(
     st.lists(
         st.tuples(st.sampled_from(sorted(common.mavlink_map)), st.binary(min_size=1, max_size=255)),

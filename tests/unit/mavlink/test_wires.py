@@ -293,6 +293,24 @@ def test_serial_without_pyserial_says_what_to_install(monkeypatch: pytest.Monkey
         open_wire("serial:/dev/ttyACM0:57600")
 
 
+def test_a_serial_port_carries_frames() -> None:
+    pytest.importorskip("serial", reason="pyserial is not installed")
+    master, slave = pty.openpty()
+    try:
+        with contextlib.closing(
+            VehicleLink(f"serial:{os.ttyname(slave)}:57600", "ardupilot", 7)
+        ) as link:
+            os.write(master, frame_from())
+            wait_readable(slave)
+            link.receive(1.0)
+            assert link.view().heartbeat_s == 1.0
+            link.pursue(FlyGoal((0.0, 0.0, 0.0)), 1.0)
+            assert os.read(master, 1)[0] == 0xFD
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
 # --- each opens again by itself ---
 
 

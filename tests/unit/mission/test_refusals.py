@@ -297,6 +297,3 @@ def test_files_that_are_not_there(tmp_path: Path) -> None:
             load(path)
         assert caught.value.problems[0].where == str(path)
         assert caught.value.exit_code == 2
-
-
-# --- whatever is written, the answer is a plan or problems with a place ---

@@ -1,5 +1,4 @@
-"""Moves, letters, CSV files, lengths in metres: what is loaded, and what each mistake is answered
-with."""
+"""Moves, CSV files, lengths in metres: what is loaded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is refused of targets and of the steps that follow them."""
+"""What is warned of where a played target is to be followed."""
 
 from __future__ import annotations
 

@@ -55,6 +55,11 @@ def test_a_run_of_another_version_is_told_by_that_alone(tmp_path: Path) -> None:
     )
 
 
+def test_a_missing_manifest_says_so(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"run\.json: No such file"):
+        read_manifest(tmp_path)
+
+
 def test_a_torn_manifest_is_refused(tmp_path: Path) -> None:
     write_manifest(tmp_path, manifest())
     path = tmp_path / "run.json"

@@ -15,6 +15,7 @@ from swarm_ctl.runfolder.flight import Flight, TrackSource, flight_of
 from swarm_ctl.runfolder.metrics import (
     approaches,
     formation_error,
+    last_number,
     longest_link,
     time_to_settle,
     zone_distance,
@@ -160,6 +161,11 @@ def test_on_the_ground_the_noise_of_estimates_is_no_approach() -> None:
     assert list(approaches(_flight(points, source=TrackSource.ESTIMATES, airborne=one))) == []
     assert len(list(approaches(_flight(points, airborne=one)))) == 1
     assert list(approaches(_flight(points, airborne=np.zeros((2, 2), bool)))) == []
+
+
+def test_last_number() -> None:
+    assert last_number(np.array([1.0, 2.0, np.nan])) == 2.0
+    assert last_number(np.array([np.nan])) is None
 
 
 corners = st.lists(st.tuples(metres, metres), min_size=3, max_size=9).map(tuple)

@@ -81,6 +81,11 @@ class TestAnswers:
         assert rig.ask(ARM, 1, 2989) == ACCEPTED
         assert rig.firmware.armed
 
+    def test_unknown_mode(self) -> None:
+        rig = ready()
+        assert rig.ask(SET_MODE, 1, 99) == FAILED
+        assert rig.texts() == ["No such mode 99"]
+
     @pytest.mark.parametrize("height", [0.0, -5.0, math.nan, math.inf])
     def test_take_off_to_nowhere(self, height: float) -> None:
         assert armed().ask(TAKEOFF, 0, 0, 0, 0, 0, 0, height) == FAILED

@@ -44,9 +44,14 @@ def stream(flight: Flight, fields: dict[str, Any], seconds: float) -> None:
         flight.run(0.1)
 
 
-@pytest.mark.parametrize("persona", ["ardupilot", "px4"])
 @pytest.mark.parametrize(
-    ("frame", "alt_m"), [(6, 15.0), (5, ORIGIN.alt_m + 15.0), (0, ORIGIN.alt_m + 15.0)]
+    ("persona", "frame", "alt_m"),
+    [
+        ("ardupilot", 6, 15.0),
+        ("ardupilot", 0, ORIGIN.alt_m + 15.0),
+        ("px4", 6, 15.0),
+        ("px4", 5, ORIGIN.alt_m + 15.0),
+    ],
 )
 def test_a_global_target_is_flown_to(persona: str, frame: int, alt_m: float) -> None:
     flight = hovering(persona)
@@ -54,27 +59,27 @@ def test_a_global_target_is_flown_to(persona: str, frame: int, alt_m: float) -> 
     assert math.dist(flight.ned(), (20.0, -10.0, -15.0)) < 0.7
 
 
-@pytest.mark.parametrize("persona", ["ardupilot", "px4"])
-@pytest.mark.parametrize(
-    "more",
-    [
-        {"lat_int": 2**31 - 1},
-        {"alt": math.nan},
-        {"alt": math.inf},
-        {"coordinate_frame": 1},
-        {"type_mask": 0},
-    ],
+NONE: tuple[dict[str, Any], ...] = (
+    {"lat_int": 2**31 - 1},
+    {"alt": math.nan},
+    {"alt": math.inf},
+    {"coordinate_frame": 1},
+    {"type_mask": 0},
 )
-def test_a_global_target_that_is_none_moves_nothing(persona: str, more: dict[str, Any]) -> None:
-    """`type_mask` 0: then a velocity counts, too, which is no number here."""
+"""`type_mask` 0: then a velocity counts, too, which is no number here."""
+
+
+@pytest.mark.parametrize("persona", ["ardupilot", "px4"])
+def test_a_global_target_that_is_none_moves_nothing(persona: str) -> None:
     flight = hovering(persona)
-    before = flight.ned()
-    fields = target(flight, 20.0, 0.0, 15.0, 6, vx=math.nan) | more
-    ignored = flight.world.vehicles[0].firmware.ignored
-    flight.tell(0, "SET_POSITION_TARGET_GLOBAL_INT", **fields)
-    flight.run(3.0)
-    assert flight.world.vehicles[0].firmware.ignored == ignored + 1
-    assert math.dist(flight.ned(), before) < 0.5
+    before, firmware = flight.ned(), flight.world.vehicles[0].firmware
+    for more in NONE:
+        ignored = firmware.ignored
+        fields = target(flight, 20.0, 0.0, 15.0, 6, vx=math.nan) | more
+        flight.tell(0, "SET_POSITION_TARGET_GLOBAL_INT", **fields)
+        flight.run(3.0)
+        assert firmware.ignored == ignored + 1, more
+        assert math.dist(flight.ned(), before) < 0.5
 
 
 def item(at: GeodeticPoint, up: float, **more: Any) -> dict[str, Any]:

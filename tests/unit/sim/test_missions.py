@@ -98,6 +98,20 @@ def test_what_goes_up_comes_down(persona: Persona, kind: int) -> None:
     assert all(download(rig, other) == [] for other in others)
 
 
+def test_px4_asks_otherwise_when_its_client_does_not_know_the_request() -> None:
+    """MAVSDK takes no MISSION_REQUEST from PX4, and says so."""
+    rig = ready(Px4Persona)
+    rig.tell("MISSION_COUNT", **TO, count=2, mission_type=0)
+    for expected in ("MISSION_REQUEST_INT", "MISSION_REQUEST"):
+        rig.said.clear()
+        rig.tell("MISSION_ACK", **TO, type=3, mission_type=0)
+        assert [(m.name, m.fields["seq"]) for m in rig.said] == [(expected, 0)]
+    rig.said.clear()
+    rig.tell("MISSION_ACK", (9, 9), **TO, type=3, mission_type=0)
+    rig.tell("MISSION_ACK", **TO, type=0, mission_type=0)
+    assert {m.name for m in rig.said} == {"STATUSTEXT"}, "the other partner"
+
+
 @BOTH
 def test_an_item_that_does_not_come_is_asked_for_again_then_the_upload_forgotten(
     persona: Persona,
@@ -116,6 +130,37 @@ def test_an_item_that_does_not_come_is_asked_for_again_then_the_upload_forgotten
     rig.run(5.0)
     assert not [m for m in rig.said if m.name.startswith("MISSION_REQUEST")]
     assert len(download(rig)) == 5, "the old list stays"
+
+
+def test_a_part_of_a_list_is_replaced_by_arducopter() -> None:
+    rig = ready(ArdupilotPersona)
+    upload(rig, [HOME, *ROUND])
+    before = download(rig)
+    rig.said.clear()
+    rig.tell("MISSION_WRITE_PARTIAL_LIST", **TO, start_index=2, end_index=3, mission_type=0)
+    for seq in (2, 3):
+        assert rig.heard("MISSION_REQUEST")[-1]["seq"] == seq
+        new = item(WAYPOINT, 7.0, 7.0, 3.0)
+        rig.tell("MISSION_ITEM_INT", **TO, **new, seq=seq, mission_type=0)
+    assert [m["type"] for m in rig.heard("MISSION_ACK")] == [0]
+    after = download(rig)
+    assert [a == b for a, b in zip(after, before, strict=True)] == [True, True, False, False, True]
+    rig.tell("MISSION_COUNT", **TO, count=3, mission_type=0)
+    rig.said.clear()
+    part = {"start_index": 0, "end_index": 0, "mission_type": 0}
+    rig.tell("MISSION_WRITE_PARTIAL_LIST", (254, 190), **TO, **part)
+    assert [m["type"] for m in rig.heard("MISSION_ACK")] == [MissionResult.DENIED], "another's"
+
+
+@BOTH
+def test_file_transfer_is_refused_at_once(persona: Persona) -> None:
+    rig = ready(persona)
+    payload = [7, 0, 0, 4, 0, 0, 0, 0] + [0] * 243
+    rig.said.clear()
+    rig.tell("FILE_TRANSFER_PROTOCOL", target_network=0, **TO, payload=payload)
+    (answer,) = rig.heard("FILE_TRANSFER_PROTOCOL")
+    assert (answer["payload"][0], answer["payload"][3], answer["payload"][5]) == (8, 129, 4)
+    assert len(answer["payload"]) == 251
 
 
 class Mission(Flight):
@@ -169,6 +214,17 @@ def test_upload_start_finished(persona: str) -> None:
     assert farthest == pytest.approx(20.0, abs=2.5)
     assert flight.ned() == pytest.approx([0.0, 0.0, 0.0], abs=0.5)
     assert flight.current()["mission_state"] == 5
+
+
+@NAMES
+def test_a_mission_that_ends_in_the_air_hovers_there(persona: str) -> None:
+    flight = Mission(persona, ROUND[:3])
+    flight.start()
+    flight.run(60.0)
+    assert flight.ned() == pytest.approx([20.0, 15.0, -8.0], abs=1.0)
+    assert flight.world.armed() == [True]
+    if persona == "px4":
+        assert flight.world.vehicles[0].firmware.mode.custom == 4 << 16 | 3 << 24
 
 
 @NAMES

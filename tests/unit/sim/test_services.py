@@ -88,6 +88,24 @@ def test_health_tells_when_it_would_arm(persona: Persona) -> None:
     assert status["onboard_control_sensors_health"] & (prearm | 0x2F) == prearm | 0x2F
 
 
+@BOTH
+@pytest.mark.parametrize(
+    ("p", "answer"),
+    [
+        ((32, 50_000.0), MavResult.ACCEPTED),
+        ((32, 1_000.0), MavResult.DENIED),
+        ((9999, 50_000.0), MavResult.DENIED),
+        ((32, -1.0), MavResult.ACCEPTED),
+        ((math.nan, 1e6), MavResult.DENIED),
+        ((32, math.inf), MavResult.DENIED),
+    ],
+)
+def test_message_intervals(persona: Persona, p: tuple[float, float], answer: MavResult) -> None:
+    if answer is MavResult.DENIED and p[0] != 32 and persona is Px4Persona:
+        answer = MavResult.FAILED
+    assert quiet(persona).ask(INTERVAL, *p) == answer
+
+
 @given(
     interval=st.floats(0.0025, 5.0), steps=st.lists(st.floats(0.001, 0.2), min_size=20, max_size=60)
 )
@@ -104,6 +122,19 @@ def test_a_stream_is_never_early_and_never_bursts(interval: float, steps: list[f
     assert streams.next_s > now - 1e-6
 
 
+def test_data_streams_override_message_intervals() -> None:
+    rig = quiet(ArdupilotPersona)
+    rig.ask(INTERVAL, 32, 50_000.0)
+    ask: dict[str, Any] = {"target_system": 1, "target_component": 1, "start_stop": 1}
+    rig.tell("REQUEST_DATA_STREAM", **ask, req_stream_id=0, req_message_rate=4)
+    assert rig.firmware.streams.interval_s["LOCAL_POSITION_NED"] == 0.25
+    assert rig.firmware.streams.interval_s["ATTITUDE"] == 0.25
+    rig.tell("REQUEST_DATA_STREAM", **ask | {"start_stop": 0}, req_stream_id=6, req_message_rate=4)
+    assert rig.firmware.streams.interval_s.get("LOCAL_POSITION_NED") is None
+    assert rig.firmware.streams.interval_s["ATTITUDE"] == 0.25
+    assert rig.firmware.streams.interval_s["HEARTBEAT"] == 1.0
+
+
 @BOTH
 def test_every_message_can_be_requested_and_unknown_ones_fail(persona: Persona) -> None:
     rig = quiet(persona)
@@ -115,6 +146,20 @@ def test_every_message_can_be_requested_and_unknown_ones_fail(persona: Persona) 
         assert len(rig.heard(name)) == there, name
     unknown = {ArdupilotPersona: MavResult.FAILED, Px4Persona: MavResult.DENIED}[persona]
     assert rig.ask(REQUEST, 9999) == unknown
+
+
+@BOTH
+def test_an_interval_can_be_asked_for(persona: Persona) -> None:
+    """By GET_MESSAGE_INTERVAL, of both; by REQUEST_MESSAGE, of ArduCopter."""
+    rig = quiet(persona)
+    rig.ask(INTERVAL, 30, 1e5)
+    for number, us, found in ((30, 100_000, True), (32, -1, True), (9999, 0, False)):
+        refused = {ArdupilotPersona: MavResult.FAILED, Px4Persona: MavResult.ACCEPTED}[persona]
+        assert rig.ask(510, number) == (MavResult.ACCEPTED if found else refused)
+        assert rig.heard("MESSAGE_INTERVAL") == [{"message_id": number, "interval_us": us}]
+        if persona is ArdupilotPersona:
+            assert rig.ask(REQUEST, 244, number) == (MavResult.ACCEPTED if found else refused)
+            assert rig.heard("MESSAGE_INTERVAL") == [{"message_id": number, "interval_us": us}]
 
 
 @BOTH
@@ -132,12 +177,36 @@ def test_a_take_off_that_is_ordered_again_goes_on(persona: Persona) -> None:
     assert -flight.ned()[2] == pytest.approx(10.0, abs=0.5)
 
 
+@BOTH
+def test_traffic_is_one_message_a_vehicle(persona: Persona) -> None:
+    rig = quiet(persona)
+    rig.contacts += [
+        (7, (10.0, 20.0, -30.0), (3.0, 4.0, -1.0)),
+        (9, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    ]
+    rig.ask(INTERVAL, 246, 1e6)
+    rig.run(0.5)
+    first, second = rig.heard("ADSB_VEHICLE")
+    assert (first["ICAO_address"], second["ICAO_address"]) == (7, 9)
+    assert (first["hor_velocity"], first["ver_velocity"], first["heading"]) == (500, 100, 5313)
+
+
 @given(value=st.integers(-(2**31), 2**31 - 1))
 def test_bytewise_integers_survive_the_wire(value: int) -> None:
     (wire,) = struct.unpack("<f", struct.pack("<f", BYTEWISE.encode(ParamType.INT32, value)))
     if not math.isnan(wire):  # Python may quieten a signalling NaN; real links carry the bytes
         assert BYTEWISE.decode(ParamType.INT32, wire) == value
     assert CAST.decode(ParamType.INT16, 3.0) == 3.0
+
+
+@BOTH
+def test_time_sync_mirrors_the_question(persona: Persona) -> None:
+    rig = quiet(persona)
+    rig.tell("TIMESYNC", tc1=0, ts1=12345)
+    assert rig.heard("TIMESYNC") == [{"tc1": 3_000_000_000, "ts1": 12345}]
+    rig.said.clear()
+    rig.tell("TIMESYNC", tc1=99, ts1=12345)
+    assert not rig.said
 
 
 @BOTH

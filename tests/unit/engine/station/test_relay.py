@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import fcntl
 import itertools
+import json
 import os
 import termios
 import threading
@@ -123,6 +124,23 @@ def test_who_reads_again_is_told_what_was_missed(pipe: tuple[int, int]) -> None:
     lines = got.decode().splitlines()
     assert any("station: this output was blocked" in line for line in lines)
     assert sum(": event " in line for line in lines) == 120
+
+
+def test_json_lines_say_how_many_were_skipped_and_end_with_the_last(pipe: tuple[int, int]) -> None:
+    """The first line comes at once, the last one at the end; in between one a second."""
+    read, write = pipe
+    fcntl.fcntl(write, fcntl.F_SETPIPE_SZ, 16 * ROOM)
+    made = views(4)
+
+    def watch(screen: Screen) -> None:
+        for view in made:
+            screen.show(view)
+            time.sleep(0.02)
+
+    present(Show.JSON, PLAN, None, watch, out=write)
+    lines = [json.loads(line) for line in os.read(read, 10 * ROOM).decode().splitlines()]
+    assert [line["time_s"] for line in lines] == [30.0, 33.0]
+    assert lines[-1]["skipped"] == 0
 
 
 def test_a_reader_that_left_ends_a_watching_station() -> None:

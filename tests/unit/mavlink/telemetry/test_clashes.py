@@ -145,6 +145,16 @@ def test_two_vehicles_of_one_id_are_told_by_their_counters(apart: int) -> None:
     assert shared.run(2.5, twin).startswith(TWO)
 
 
+def test_two_kinds_of_vehicle_of_one_id_are_named() -> None:
+    shared = Shared()
+    other = wire.Vehicle(shared.end, 7)
+    for _ in range(4):
+        shared.run(1.0)
+        other.codec.seq = shared.vehicle.codec.seq
+        other.say(wire.heartbeat(autopilot=12))
+    assert shared.tick().startswith(TWO)
+
+
 @pytest.mark.parametrize("loss", [0.0, 0.3, 0.7])
 def test_one_vehicle_is_one_whatever_its_link_does(loss: float) -> None:
     """Lost, late, repeated frames, and silences."""

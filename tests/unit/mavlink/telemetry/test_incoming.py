@@ -149,6 +149,12 @@ def decode(number: int, payload: bytes) -> Any:
     return dialect.MAVLink(None).decode(bytearray(header + payload + crc.to_bytes(2, "little")))
 
 
+def test_an_unknown_landed_state_leaves_what_is_known() -> None:
+    heard = known()
+    assert fold(heard, wire.extended_state(0))
+    assert heard.on_ground is False
+
+
 @pytest.mark.parametrize("percent", [-1, -106, 101])
 def test_a_charge_that_is_not_known_is_unknown_again_and_costs_nothing_else(percent: int) -> None:
     """99 % was told to the end of a flight; -106 cost the whole SYS_STATUS."""

@@ -1,4 +1,4 @@
-"""From file to plan: the paper's hexagon, defaults, the hash, fleets, warnings, writing again."""
+"""From file to plan: the hash, fleets, warnings, writing again."""
 
 from __future__ import annotations
 

@@ -86,6 +86,16 @@ def test_answers_go_to_the_asking_client_alone_and_texts_to_all() -> None:
     assert [m.get_type() for m in clients.heard(B)] == ["STATUSTEXT"]
 
 
+def test_frames_of_one_step_share_a_datagram_within_a_packet_s_size() -> None:
+    clients = Clients()
+    clients.tell(0, A, mavlink.MAVLink_param_request_list_message(1, 1))
+    clients.run(1.0)
+    assert max(map(len, clients.datagrams[A])) <= 1400
+    values = [m for m in clients.heard(A) if m.get_type() == "PARAM_VALUE"]
+    assert len(values) == values[0].param_count
+    assert len(clients.datagrams[A]) < len(values) / 5
+
+
 def test_a_new_client_takes_the_place_of_one_that_is_silent_and_of_no_other() -> None:
     """40 ground stations at once take no place from those that are there."""
     clients = Clients()

@@ -186,6 +186,17 @@ def test_a_stopped_motor_is_a_crash(persona: str) -> None:
     assert "Crash: Disarming" in flight.texts
 
 
+@PERSONAS
+def test_a_reboot_in_flight_is_a_fall_then_a_fresh_start(persona: str) -> None:
+    flight = hovering(persona)
+    put(flight, SIM_REBOOT=1.0)
+    flight.run(6.0)
+    firmware = flight.world.vehicles[0].firmware
+    assert flight.world.parked()
+    assert firmware.parameters["SIM_REBOOT"] == 0.0
+    assert firmware.boot_s > 15.0
+
+
 @pytest.mark.parametrize(
     ("persona", "name", "action"),
     [("ardupilot", "BATT_FS_LOW_ACT", 1.0), ("px4", "COM_LOW_BAT_ACT", 2.0)],

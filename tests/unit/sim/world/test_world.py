@@ -88,6 +88,13 @@ def test_a_px4_takes_off_in_offboard_as_fast_as_the_real_one() -> None:
         assert low_m - 0.3 <= -flight.ned()[2] <= high_m + 0.3
 
 
+def test_the_times_of_a_px4_s_take_off_are_parameters() -> None:
+    flight = offboard(setpoint_fields(0.0, 0.0, -1.5), MPC_TKO_RAMP_T=0.5)
+    assert flight.world.airborne()[0]
+    flight = offboard(setpoint_fields(0.0, 0.0, -1.5), MPC_TKO_RAMP_T=0.5, COM_SPOOLUP_TIME=3.0)
+    assert not flight.world.airborne()[0]
+
+
 @PERSONAS
 def test_landing_from_ten_metres_is_slow_at_the_end_and_disarms(persona: str) -> None:
     flight = at_height(persona)
