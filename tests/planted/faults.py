@@ -222,8 +222,8 @@ FAULTS: Final = (
         "failsafe-late",
         "waits three times as long for a silent agent",
         f"{_AGENT}/failsafes.py",
-        "if not reason and peer.silent_s > after:",
-        "if not reason and peer.silent_s > 3.0 * after:",
+        "silent = peer.silent_s > after",
+        "silent = peer.silent_s > 3.0 * after",
         r"kill|stop",
     ),
     Fault(

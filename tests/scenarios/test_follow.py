@@ -251,12 +251,6 @@ def test_what_is_done_when_a_target_stays_away(on_lost: str, outcome: Outcome) -
         assert "target boat has not been heard for 5 s" in " ".join(reasons)
 
 
-def test_a_target_that_was_never_heard_is_said_not_to_be() -> None:
-    boat = Boat(straight)
-    boat.fly(4.0, silent_from_s=0.0)
-    assert boat.said("target boat is not heard: the formation stands")
-
-
 @pytest.mark.parametrize("ordered", ["hold", on_demand("form block")])
 def test_while_an_order_is_flown_in_place_of_the_step_nothing_is_done_of_a_lost_target(
     ordered: str,
@@ -329,18 +323,6 @@ def test_a_liar_beside_the_boat_leads_nobody_away() -> None:
     boat.fly(math.inf)
     assert boat.rms_m < 0.8
     assert boat.said("is told by two, boat.1 and liar.1")
-
-
-def test_a_target_that_leaves_the_fence_is_followed_to_the_fence() -> None:
-    """No place of the formation leaves it, and no vehicle."""
-
-    def away(seconds: float) -> tuple[complex, complex]:
-        return 10 + 5j - 4j * seconds, -4j
-
-    boat = Boat(away)
-    boat.fly(40.0)
-    easts = [place[1] for place in boat.swarm.positions().values()]
-    assert -60.0 < min(easts) < -45.0
 
 
 def test_a_target_that_is_where_it_cannot_be_followed_is_said_to_be() -> None:

@@ -162,14 +162,14 @@ def _by_policy(
 
 
 def _by_order(s: Situation) -> FailsafeTrigger | None:
-    how = _ORDERED.get(s.ordered) if s.ordered is not None else None
+    how = _ORDERED.get(s.ordered)
     if how is None:
         return None
     action, what = how
     return FailsafeTrigger(action, Outcome.ABORTED, f"{what} by the operator")
 
 
-_ORDERED: Final = {
+_ORDERED: Final[dict[CommandKind | None, tuple[FailsafeAction, str]]] = {
     CommandKind.LAND: (FailsafeAction.LAND, "landed"),
     CommandKind.RETURN: (FailsafeAction.RETURN, "called back"),
     CommandKind.KILL: (FailsafeAction.KILL, "killed"),
@@ -257,15 +257,14 @@ def _peers_gone(s: Situation) -> FailsafeTrigger | None:
     if s.progress.step == 0:
         after = max(after, _PATIENCE_S)
     for peer in s.awaited.peers:
-        silent = peer.age_s > after and peer.silent_s > after  # in most ticks the first is enough
+        silent = peer.silent_s > after
         if not silent and peer.state is not None and peer.state.phase in _GOES_ON:
             continue
         steps = s.routes.of[peer.id].steps
-        completed = peer.state and progress_of(peer.state) >= (len(steps), True)
-        if peer.state is None or completed or peer.id in s.departed:
+        if peer.state is None or _completed(peer, steps) or peer.id in s.departed:
             continue  # never heard: the step's time-out bounds the wait
         reason = gave_up(peer, steps)
-        if not reason and peer.silent_s > after:
+        if not reason and silent:
             ended = peer.state.phase is Phase.ENDED
             what = "broke the mission off" if ended else f"has not been heard for {after:g} s"
             reason = f"agent {peer.id} {what}"
@@ -324,15 +323,21 @@ def _not_done(s: Situation) -> str:
         return f"{lacks}: {s.waits}" if s.waits else f"this agent was {lacks}"
     patience_s, waits = s.plan.policies.agent_lost_after_s, s.waits_until
     late, unheard = set[int](), set[int]()
-    for peer in s.awaited.without(s.departed).peers:
-        told = (-1, False) if peer.state is None else progress_of(peer.state)
-        if peer.silent_s > patience_s and told < (len(s.routes.of[peer.id].steps), True):
+    for peer in s.awaited.peers:
+        steps = s.routes.of[peer.id].steps
+        if peer.id in s.departed or _completed(peer, steps):
+            continue
+        if peer.state is None or peer.silent_s > patience_s:
             unheard.add(peer.id)
-        elif told < (waits[peer.id], True):
+        elif progress_of(peer.state) < (waits[peer.id], True):
             late.add(peer.id)
     found = [f"{agents_named(late)} {lacks}"] if late else []
     found += [f"{agents_named(unheard)} not heard"] if unheard else []
     return ", ".join(found) or f"the others were {lacks}"
+
+
+def _completed(peer: OtherAircraft, steps: Sequence[Step]) -> bool:
+    return peer.state is not None and progress_of(peer.state) >= (len(steps), True)
 
 
 def _beyond_fence(s: Situation) -> FailsafeTrigger | None:
@@ -432,7 +437,7 @@ def left_by_order(state: AgentState) -> str:
     """How this peer has left the formation, or ''."""
     if state.left is CommandKind.GOTO:
         return f"agent {state.agent} was sent elsewhere by the operator"
-    how = _ORDERED.get(state.left) if state.left is not None else None
+    how = _ORDERED.get(state.left)
     return f"agent {state.agent} was {how[1]} by the operator" if how is not None else ""
 
 

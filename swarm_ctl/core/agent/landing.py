@@ -187,7 +187,7 @@ class Landing:
             return self.land(tick)
         vehicle.go_home_at(way_back.height_m)
         reason = None if trigger else f"return: {stage.name.lower()}"
-        if fix is None or stage not in (ReturnStage.FLY, ReturnStage.DOWN):
+        if stage not in (ReturnStage.FLY, ReturnStage.DOWN):
             return Intent(KeepClear(), Phase.RETURN, reason)
         speed_mps = self._plan.policies.return_speed_mps
         return Intent(FlyTo(way_back.home_m, speed_mps), Phase.RETURN, reason)

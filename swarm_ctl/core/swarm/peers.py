@@ -143,10 +143,11 @@ class Peers:
         return self._by_id[agent].state
 
     def count_ages(self, now: float) -> None:
-        """Sample the age of every near peer that has not ended; call it once a tick."""
+        """Sample the age of every near peer that is listened to and has not ended; call it once a
+        tick."""
         for peer in self._near:
-            state = peer.state
-            if state is not None and state.phase is not Phase.ENDED and peer.clock.known:
+            state, known = peer.state, peer.clock.known and not peer.expelled
+            if state is not None and state.phase is not Phase.ENDED and known:
                 peer.ages.add(now - peer.true_s)
 
     def snapshot(
@@ -237,7 +238,7 @@ class Peer:
     near_s: float = -math.inf
     """Since when it is near (`core/swarm/hearing.py`); inf: it is far."""
     _counted: int | None = None
-    """`seq` of its newest state, far words left out, since it is near."""
+    """`seq` of its newest state, far words left out, since it is near and listened to."""
     _view: OtherAircraft | None = None
     _view_until_s: float = -math.inf
     """A far peer looks the same until then, unless it is heard."""
@@ -331,7 +332,7 @@ class Peer:
     def expel(self, now: float, *, out: bool) -> None:
         """Listen to it no more, or again."""
         if self.expelled and not out:
-            self.listened_s = now
+            self.listened_s, self._counted = now, None
         self.expelled, self._view_until_s = out, -math.inf
 
     def elsewhere(self, now: float) -> OtherAircraft | None:

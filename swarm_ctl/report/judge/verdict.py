@@ -114,7 +114,7 @@ def _failed_before(
     stayed: Mapping[int, AgentStatus], aborted: Mapping[int, AgentStatus]
 ) -> list[AgentStatus]:
     """The agents that broke the mission off by a cause of their own before the order came."""
-    order_s = min(map(_broken_s, aborted.values()), default=math.inf)
+    order_s = min(map(_broken_s, aborted.values()))
     failed = (s for s in stayed.values() if s.outcome is Outcome.FAILED)
     return [s for s in failed if s.cause not in _FOLLOWS and _broken_s(s) < order_s]
 

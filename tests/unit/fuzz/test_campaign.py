@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from swarm_ctl.fuzz.campaign import FLIGHTS, Campaign, DrawnFlight, write_found
 from swarm_ctl.fuzz.coverage import FAULTS, NOTHING, STEPS, WHATS, Coverage, CoverageCell, what_of
 from swarm_ctl.fuzz.draw import Data, draw
 from swarm_ctl.fuzz.invariants import Broken, Invariant
-from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.mission.compile.loader import LoadedMission, load
 from swarm_ctl.mission.input import yaml_file
 from swarm_ctl.mission.steps.table import KINDS
 from swarm_ctl.virtual.scenario import Scenario, load_scenario, scenario_of, scenario_text
@@ -40,8 +41,14 @@ def test_a_draw_depends_on_seed_and_number() -> None:
     assert scenario_text(draw(4, 4, Coverage())[0]) != texts[4]
 
 
+@cache
+def many() -> list[tuple[Scenario, LoadedMission]]:
+    """What a seed draws first."""
+    return [draw(9, number, Coverage()) for number in range(6 * DRAWN)]
+
+
 def test_all_kinds_are_drawn() -> None:
-    drawn = [draw(9, number, Coverage()) for number in range(6 * DRAWN)]
+    drawn = many()
     kinds = {each.kind for scenario, _ in drawn for each in scenario.happens}
     assert kinds == {*FAULTS, "order"}
     steps = {at.step.kind for _, mission in drawn for at in mission.plan.all_steps()}
@@ -301,10 +308,9 @@ def test_a_mission_that_splits_is_varied() -> None:
     """Its groups are drawn into orders by their names; and such missions are drawn."""
     file = load(MISSIONS / "groups.yaml").file
     data = file.model_dump(mode="json", exclude_unset=True, by_alias=True)
-    drawn = [draw(1, number, Coverage(), data) for number in range(DRAWN)]
+    drawn = [draw(1, number, Coverage(), data) for number in range(DRAWN // 2)]
     lines = [each.order for scenario, _ in drawn for each in scenario.happens]
     assert any("@scouts" in line or "@sweepers" in line for line in lines)
-    plans = [draw(9, number, Coverage())[1].plan for number in range(3 * DRAWN)]
-    split = [plan for plan in plans if len(plan.groups) > 1]
+    split = [mission.plan for _, mission in many() if len(mission.plan.groups) > 1]
     assert split
     assert any(step.barrier for plan in split for group in plan.groups for step in group.steps)

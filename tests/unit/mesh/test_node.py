@@ -3,6 +3,7 @@ rates are bounded by owner, and what is refused is told."""
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from typing import Any
 
@@ -18,17 +19,17 @@ from swarm_ctl.core.model.messages import (
     ClockNews,
     Command,
     Gains,
+    Glimpse,
     LinkReport,
     Phase,
     Refusal,
     RefusalReason,
     Tuning,
 )
-from swarm_ctl.core.model.planned_formation import Frame
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.mesh import keys
-from swarm_ctl.mesh.gate import RECENT_S
-from swarm_ctl.mesh.keys import CHANNELS, Channel, owner_of
+from swarm_ctl.mesh.gate import RECENT_S, Gate, MeshSource, Refusals, Stations
+from swarm_ctl.mesh.keys import CHANNELS, Bounds, Channel
 from swarm_ctl.mesh.memory_transport import MemoryHub, MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.payloads import VERSION, encode
@@ -86,21 +87,6 @@ def test_a_payload_belongs_to_its_key(channel: Channel[Any]) -> None:
     assert (refusal.count, mesh.node.bad_payloads) == (1, 1)
 
 
-@pytest.mark.parametrize("key", ["007", "+7", "７", "7 ", "seven", "-7"])
-def test_an_agent_has_one_key(key: str) -> None:
-    """No other spelling of its id is its key."""
-    mesh = Mesh()
-    mesh.put(f"swarm/test/agent/{key}/state", encode(of(keys.STATE, 7)))
-    assert mesh.taken(keys.STATE) == []
-
-
-def test_a_command_has_the_name_of_its_sender() -> None:
-    mesh = Mesh()
-    mesh.say(keys.COMMAND, "desk", Command("a", "hold", (), 1.0))
-    (taken,) = mesh.taken(keys.COMMAND)
-    assert taken.station == "desk"
-
-
 @given(
     st.sampled_from(CHANNELS),
     st.lists(
@@ -143,21 +129,6 @@ def test_what_is_too_large_is_not_even_copied(channel: Channel[Any]) -> None:
     assert (f"{channel.publisher} {owner}", RefusalReason.TOO_LARGE) in mesh.refused()
 
 
-def test_a_subscription_keeps_a_round_of_messages_of_the_largest_swarm() -> None:
-    """In lockstep all 250 agents send their status before the station reads the first."""
-    for channel in keys.CHANNELS:
-        assert 500 <= channel.bounds.queue <= keys.QUEUE
-
-
-def test_bounds_fit_what_is_sent() -> None:
-    """The fixed layouts are as large as the table says; of JSON there is room for 250 agents."""
-    led = Frame((0.0, 0.0), velocity_mps=(1.0, 0.0))
-    longest = replace(STATE, goal_height_m=20.0, frame=led)
-    assert len(encode(longest)) == keys.STATE.bounds.size == keys.FAR.bounds.size
-    for channel in CHANNELS:
-        assert len(encode(PAYLOADS[channel.payload])) <= channel.bounds.size
-
-
 @pytest.mark.parametrize("owner", [7, 3], ids=["a stranger", "an agent of the plan"])
 def test_a_flood_of_one_takes_nothing_from_the_others(owner: int) -> None:
     """Of 4,000 states under one key, its allowance is read, the newest ones; all five others are
@@ -180,14 +151,100 @@ def test_a_flood_of_one_takes_nothing_from_the_others(owner: int) -> None:
     assert len(mesh.taken(keys.STATE)) == bounds.per_s
 
 
-def test_a_flood_of_commands_does_not_hide_another_stations() -> None:
-    mesh = Mesh()
-    mesh.say(keys.COMMAND, "desk", Command("land", "land", (), 1.0))
-    for k in range(4000):
-        mesh.say(keys.COMMAND, "stranger", Command(f"{k}", "hold", (99,), 1.0))
-    taken = mesh.taken(keys.COMMAND)
-    assert taken[0].id == "land"
-    assert len(taken) == 1 + keys.COMMAND.bounds.burst
+def test_in_a_flood_under_an_agents_own_key_what_may_follow_is_read() -> None:
+    """As many again, the newest of a thousand that a tick looks at; nothing is asked of a
+    stranger's key, or of who speaks for another."""
+    channel, refusals, asked = replace(keys.STATE, bounds=Bounds(165, 1.0, 4)), Refusals(), set()
+    key = {agent: channel.key("test", agent) for agent in (3, 4, 7)}
+    gate = Gate(channel, [key[3], key[4]], refusals, Stations())
+
+    def likely(word: Glimpse, received_s: float) -> bool:
+        asked.add((word.agent, received_s))
+        return word.time_s == 5.0
+
+    def flood(under: int, count: int, **says: Any) -> list[Any]:
+        data = encode(replace(of(keys.STATE, under), **says))
+        return [(mesh_s, key[under], data)] * count
+
+    def read(*floods: list[Any]) -> Counter[tuple[str, bool]]:
+        taken = gate.admit([message for each in floods for message in each], likely)
+        return Counter((source.owner, data in honest) for _, source, data in taken)
+
+    mesh_s, honest = 100.0, {encode(replace(of(keys.STATE, k), time_s=5.0)) for k in (3, 7)}
+    forged, others = flood(7, 9, time_s=5.0), flood(4, 9, agent=5)
+    assert read(flood(3, 9, time_s=5.0), flood(3, 1020), flood(3, 4), forged, others) == {
+        ("agent 3", False): 4,  # the honest ones were not looked at
+        ("agent 7", True): 4,
+        ("agent 4", False): 4,
+    }
+    assert asked == {(3, 100.0)}
+    assert refusals.recent(100.0)[0].count == 5
+    mesh_s = 101.0
+    late = flood(3, 9, time_s=5.0)
+    assert read(late, flood(3, 500)) == {("agent 3", False): 1, ("agent 3", True): 4}
+    assert read(late) == {}  # its second allowance is used up, too
+    mesh_s = 103.0
+    assert read(flood(3, 9, time_s=5.0)) == {("agent 3", True): 4}
+
+
+STATIONS = [
+    ("just not for two seconds", (0.0, 1.9), False),
+    ("for two seconds", (0.0, 2.0), True),
+    ("rarely", (0.0, 60.0), True),
+    ("too rarely", (0.0, 60.1), False),
+    ("again after a silence", (0.0, 60.1, 62.1), True),
+    ("its clock was set back", (10.0, 12.0, 5.0), False),
+    ("and it goes on", (10.0, 12.0, 5.0, 7.0), True),
+]
+
+
+@pytest.mark.parametrize(
+    ("what", "beacons", "familiar"), STATIONS, ids=[row[0] for row in STATIONS]
+)
+def test_which_stations_are_familiar(what: str, beacons: Any, familiar: bool) -> None:
+    """Those whose beacons have come for two seconds, in one piece."""
+    stations = Stations()
+    for at_s in beacons:
+        stations.hear("desk", at_s)
+        stations.hear("x" * 257, at_s)
+    assert stations.familiar("desk") is familiar
+    assert not stations.familiar("x" * 257)
+    assert not stations.familiar("another")
+
+
+def test_names_that_come_once_take_no_place_for_long() -> None:
+    """A thousand are remembered; after a second of silence they make room, a familiar one after a
+    minute. They are looked through once in two seconds at most."""
+    stations = Stations()
+    for at_s in (0.0, 2.0):
+        stations.hear("desk", at_s)
+
+    def flood(at_s: float) -> None:
+        for k in range(2000):
+            stations.hear(f"evil-{k}", at_s)
+
+    flood(2.5)
+    for at_s in (2.6, 3.5, 4.5, 6.5, 8.4):
+        stations.hear("next", at_s)
+    assert not stations.familiar("next")  # it found its place at 6.5 s
+    stations.hear("next", 8.5)
+    assert stations.familiar("next")
+    for at_s, stays in ((30.0, True), (59.9, True), (62.0, False)):
+        flood(at_s)
+        assert stations.familiar("desk") is stays
+    assert stations.familiar("next")
+
+
+def test_an_allowance_fills_with_time() -> None:
+    """Up to its burst; where the clock is set back by more than a second, from there."""
+    source = MeshSource("agent 3", 3, Bounds(100, 10.0, 2))
+
+    def read(now: float) -> int:
+        return sum(source.admit(now) for _ in range(9))
+
+    assert [read(at) for at in (5.0, 5.0, 5.125, 5.25, 4.25, 4.375, 9.0)] == [2, 0, 1, 1, 0, 0, 2]
+    assert [read(at) for at in (3.0, 3.125)] == [0, 1]
+    assert [source.idle(at) for at in (63.125, 63.2)] == [False, True]
 
 
 def test_owners_without_number_share_one_allowance() -> None:
@@ -246,12 +303,6 @@ def test_refusals_are_told_for_ten_seconds() -> None:
     mesh.now += 0.1
     assert mesh.node.refused(mesh.now) == ()
     assert mesh.node.bad_payloads == 1
-
-
-def test_the_owner_of_a_key() -> None:
-    assert owner_of("swarm/S/agent/3/state") == ("agent", "3")
-    assert owner_of("swarm/S/station/station-77-a1/command") == ("station", "station-77-a1")
-    assert owner_of("") == ("", "")
 
 
 def test_the_largest_swarm_fits() -> None:

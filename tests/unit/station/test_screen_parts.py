@@ -127,10 +127,6 @@ def test_a_number_never_leaves_its_column(value: float, width: int, decimals: in
         assert float(text) == pytest.approx(value, abs=0.5)
 
 
-def test_there_is_no_minus_nought() -> None:
-    assert (fit(-0.04, 4, 1), fit(-0.06, 4, 1), fit(-0.0, 4, 2)) == ("0.0", "-0.1", "0.00")
-
-
 @given(st.text(max_size=30))
 def test_a_cell_is_as_wide_as_its_column_whatever_it_holds(text: str) -> None:
     printable = "".join(c for c in text if c.isprintable())

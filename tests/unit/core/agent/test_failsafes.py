@@ -17,6 +17,7 @@ from swarm_ctl.core.agent.failsafes import (
     Situation,
     failed,
     find,
+    left_by_order,
     replaces,
 )
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
@@ -37,6 +38,7 @@ from tests.unit.core.builders import (
     peer,
     plan,
     progress,
+    state,
     tick,
 )
 
@@ -153,6 +155,8 @@ TIMEOUT = StepOutcome.TIMEOUT
 OVER = NOW + 50.0 + 0.01
 """The hold step began 10 s before NOW and may take 60 s."""
 
+WAITS_TO_RETURN = peer(2, phase=Phase.RETURN, stage=int(ReturnStage.WAIT))
+
 ROWS = [
     Row("all is well", case()),
     # an operator's command
@@ -197,9 +201,11 @@ ROWS = [
     Row("disarmed in the landing step", case(seen={"armed": False}, step=LAST), FALLS, "disarmed"),
     Row("landed", case(seen={"armed": False, "on_ground": True}, step=LAST, height_m=0.0)),
     Row("landed, not told yet", case(seen={"armed": False}, landing=True, height_m=1.9)),
+    Row("too high for that", case(seen={"armed": False}, landing=True, height_m=2.0), FALLS),
     Row("falling", falling(4.1, 2.1), LANDS, "fell out of height: 4.1 m/s down, 8.0 m up"),
     Row("just not falling", falling(4.0, 9.0)),
     Row("falling, by one message alone", falling(9.0, 2.0)),
+    Row("falling, just told", falling(9.0, 9.0, age_s=0.5), LANDS, "fell out of height"),
     Row("falling, long ago", falling(9.0, 9.0, age_s=0.6)),
     Row("falling before it flew", falling(9.0, 9.0, flown=False)),
     Row("sunk", case(sunk_s=2.1), LANDS, "fell out of height: 8.0 m up for 2 s"),
@@ -248,7 +254,7 @@ ROWS = [
     Row("wind before control", case(seen={"wind_mps": 20.0}, had_control=False)),
     Row("wind, by policy", case(seen={"wind_mps": 20.0}, of=policies(wind=Policy.RETURN)), RETURNS),
     # the geofence
-    Row("outside", case(of=FENCED, stop_point_m=(10.1, 0.0)), LANDS, "outside the geofence"),
+    Row("outside", case(of=FENCED, stop_point_m=(10.1, 0.0)), LANDS, "outside the geofence."),
     Row(
         "drawn outside",
         case(of=FENCED, stop_point_m=(10.1, 0.0), leads=lambda: 3),
@@ -289,9 +295,13 @@ ROWS = [
     Row("a silent peer", case(peer(2, 5.01), peer(3)), LANDS, "agent 2 has not been heard for 5 s"),
     Row("just heard", case(peer(2, 5.0), peer(3))),
     Row("never heard", case(peer(2, INFINITE), peer(3))),
+    Row("silent beside one never heard", case(peer(2, INFINITE), peer(3, 9.0)), LANDS, "agent 3"),
+    Row("silent beside one on its way", case(WAITS_TO_RETURN, peer(3, 9.0)), LANDS, "agent 3"),
+    Row("silent in its last step", case(peer(2, 60.0, step=LAST), peer(3)), LANDS, "agent 2"),
     Row("silent after its end", case(peer(2, 60.0, step=LAST, done=True), peer(3))),
     Row("it lands", case(peer(2), peer(3, phase=Phase.LAND)), LANDS, "agent 3 broke the mission"),
     Row("it ended", case(peer(2), peer(3, phase=Phase.ENDED)), LANDS, "agent 3 broke the mission"),
+    Row("it lands, by one word", case(peer(2), peer(3, phase=Phase.LAND)._replace(ends=False))),
     Row("it lands in the last step", case(peer(2), peer(3, phase=Phase.LAND, step=LAST))),
     Row("it yields", case(peer(2), peer(3, phase=Phase.YIELD)), LANDS, "lost its vehicle to a"),
     Row(
@@ -300,10 +310,7 @@ ROWS = [
         LANDS,
         "agent 2 broke the mission off",
     ),
-    Row(
-        "it waits to fly back",
-        case(peer(2, phase=Phase.RETURN, stage=int(ReturnStage.WAIT)), peer(3)),
-    ),
+    Row("it waits to fly back", case(WAITS_TO_RETURN, peer(3))),
     Row("silent while we return", case(peer(2, 60.0), peer(3), returning=True)),
     Row("silent in the return step", case(peer(2, 60.0), peer(3), of=RETURNING, step=LAST)),
     Row(
@@ -357,7 +364,13 @@ ROWS = [
         "called back",
         OURS,
     ),
-    Row("silent in preparation", lambda: on_the_ground(peer(2, 30.01)), LANDS, "heard for 30 s"),
+    Row("silent in preparation", lambda: on_the_ground(peer(2, 30.01)), LANDS, "heard for 30 s."),
+    Row(
+        "silent in preparation, and this agent is ready",
+        lambda: on_the_ground(peer(2, 30.01), waits="no SYS_STATUS", done=True),
+        LANDS,
+        "heard for 30 s.",
+    ),
     Row("just heard in preparation", lambda: on_the_ground(peer(2, 30.0))),
     Row(
         "silent in preparation, by policy continue",
@@ -396,6 +409,31 @@ ROWS = [
         case(seen={"now": OVER}, done=True),
         LANDS,
         "step 3 (hold) timed out after 60 s: agents 2-3 not done",
+        step_outcome=TIMEOUT,
+    ),
+    Row(
+        "others are late, and others were done or have gone",
+        case(
+            peer(2, done=True),
+            peer(3, 9.0),
+            peer(4, 5.0),
+            peer(5, 9.0, step=LAST),
+            peer(6, 9.0, step=LAST, done=True),
+            peer(7, left=CommandKind.LAND),
+            of=plan(agents=7, policies=Policies(agent_lost=Policy.CONTINUE)),
+            departed={7: "agent 7 was landed by the operator"},
+            seen={"now": OVER},
+            done=True,
+        ),
+        LANDS,
+        "timed out after 60 s: agent 4 not done, agents 3, 5 not heard.",
+        step_outcome=TIMEOUT,
+    ),
+    Row(
+        "all were done, but not together",
+        case(peer(2, done=True), peer(3, done=True), seen={"now": OVER}, done=True),
+        LANDS,
+        "timed out after 60 s: the others were not done.",
         step_outcome=TIMEOUT,
     ),
     Row("just in time", seen(now=NOW + 50.0)),
@@ -446,7 +484,8 @@ ROWS = [
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.what)
 def test_what_fires(row: Row) -> None:
-    """The trigger of the row, with its outcome, or none."""
+    """The trigger of the row, with its outcome, or none. Where the row's reason ends with a full
+    stop, nothing follows."""
     trigger = find(row.make())
     if row.action is None:
         assert trigger is None
@@ -454,7 +493,7 @@ def test_what_fires(row: Row) -> None:
     assert trigger is not None
     assert (trigger.action, trigger.outcome) == (row.action, row.outcome)
     assert trigger.step_outcome is row.step_outcome
-    assert row.reason in trigger.reason
+    assert row.reason in f"{trigger.reason}."
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
@@ -483,6 +522,38 @@ def test_a_pause_postpones_the_time_out() -> None:
     late = situation(seen={"now": OVER})
     late.progress.paused_s = 0.02
     assert find(late) is None
+    later = find(replace(late, tick=replace(late.tick, now=OVER + 0.02)))
+    assert later is not None
+    assert "after 60 s" in later.reason
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda agent: case(peer(agent, 9.0), of=policies(agent_lost=Policy.HOLD)),
+        lambda agent: case(departed={agent: "left"}, of=policies(left_by_order=Policy.HOLD)),
+        lambda agent: lambda: on_the_ground(peer(agent, 31.0)),
+    ],
+    ids=["lost", "left", "on the ground"],
+)
+def test_the_same_of_another_peer_is_another_failsafe(make: Any) -> None:
+    """So a hold for one is said anew for the next."""
+    assert find(make(2)()) != find(make(3)())
+    assert find(make(2)()) == find(make(2)())
+
+
+@pytest.mark.parametrize(
+    ("left", "words"),
+    [
+        (CommandKind.LAND, "agent 3 was landed by the operator"),
+        (CommandKind.RETURN, "agent 3 was called back by the operator"),
+        (CommandKind.KILL, "agent 3 was killed by the operator"),
+        (CommandKind.GOTO, "agent 3 was sent elsewhere by the operator"),
+        (None, ""),
+    ],
+)
+def test_how_a_peer_left_is_said(left: CommandKind | None, words: str) -> None:
+    assert left_by_order(state(3, left=left)) == words
 
 
 # --- which of several ---

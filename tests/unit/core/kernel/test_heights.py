@@ -12,6 +12,7 @@ from swarm_ctl.core.kernel.heights import (
     NO_SPAN,
     apart_by_height,
     in_wake,
+    is_ahead,
     may_pass,
     needed_m,
     span,
@@ -106,3 +107,25 @@ def test_a_wake_is_a_cone_below_and_nowhere_else() -> None:
     assert in_wake(1.0, 5.0, 0.32)
     assert not in_wake(1.4, 5.0, 0.32)
     assert not in_wake(0.0, -5.0, 0.32)
+    assert in_wake(0.0, 0.5, 0.32)
+    assert not in_wake(0.0, 0.0, 0.32)
+
+
+@pytest.mark.parametrize(
+    ("climbs_m", "other_m", "ahead"),
+    [
+        (5.0, 20.2, False),
+        (5.0, 20.4, True),
+        (5.0, 26.9, True),
+        (5.0, 27.1, False),
+        (5.0, 17.0, False),
+        (-5.0, 17.0, True),
+        (-5.0, 12.9, False),
+        (-5.0, 23.0, False),
+        (-0.5, 18.0, True),
+        (0.0, 21.0, False),
+    ],
+)
+def test_what_is_ahead_in_height(climbs_m: float, other_m: float, ahead: bool) -> None:
+    """On the way up or down, and 2 m beyond; one that is hardly higher is passed already."""
+    assert is_ahead(20.0, climbs_m, other_m, 2.0) is ahead

@@ -221,28 +221,6 @@ def test_one_spot_parts_them() -> None:
     assert b.u == pytest.approx(-a.u)
 
 
-@given(st.lists(swarms(), min_size=2, max_size=4))
-def test_batch_is_the_same_as_one_by_one(swarms_: list[Any]) -> None:
-    """Missions on a leading axis, padded with absent agents, give what single calls give."""
-    m = max(len(s[0]) for s in swarms_) - 1
-    law = HEXAGON
-    batch = len(swarms_)
-    own, own_slot = np.zeros((batch, 1, 2)), np.zeros((batch, 1, 2))
-    others, slots = np.zeros((batch, 1, m, 2)), np.zeros((batch, 1, m, 2))
-    linked, present = np.zeros((batch, 1, m), bool), np.zeros((batch, 1, m), bool)
-    for b, (p, z, neighbours, _) in enumerate(swarms_):
-        k = len(p) - 1
-        own[b, 0], own_slot[b, 0], others[b, 0, :k], slots[b, 0, :k] = p[0], z[0], p[1:], z[1:]
-        present[b, 0, :k] = True
-        linked[b, 0, [j - 1 for j in neighbours]] = True
-    result = evaluate(
-        own, own_slot, others, slots, linked, present, np.ones((batch, 1, m), bool), law
-    )
-    for b, (p, z, neighbours, _) in enumerate(swarms_):
-        single = evaluate_one(0, p, z, neighbours, law)
-        assert result.u[b] == pytest.approx(single.u, rel=1e-12, abs=1e-15)
-
-
 def _smallest_distance(points: np.ndarray) -> float:
     gaps = np.linalg.norm(points[:, None] - points[None], axis=-1)
     return float(gaps[~np.eye(len(points), dtype=bool)].min())

@@ -225,14 +225,19 @@ def test_an_expelled_peer_is_not_heard() -> None:
     peers, peer, now = heard()
     peers.expel({2}, now)
     assert not peer.hear(said(20), now)
+    ages = peer.report(now).age_p99_s
+    peers.count_ages(now + 20.0)
+    assert peer.report(now).age_p99_s == ages
     view = peers.snapshot(now).peers[0]
     assert (view.expelled, view.fresh, view.followed, view.yields) == (True, False, False, False)
     peers.expel(set(), now + 20.0)
     later = peers.snapshot(now + 21.0).peers[0]
     assert (later.fresh, later.silent_s) == (False, pytest.approx(1.0))
     assert later.age_s > 20.0
-    assert peer.hear(said(20), now)
-    assert peers.snapshot(now).peers[0].fresh
+    lost, again = peer.lost, round((now + 22.0) / TICK_S)
+    assert peer.hear(said(again), now + 22.0)
+    assert peer.lost == lost
+    assert peers.snapshot(now + 22.0).peers[0].fresh
 
 
 @given(

@@ -77,37 +77,6 @@ def test_an_alarm_is_raised_once_and_cleared_once_though_its_figures_change() ->
     ]
 
 
-def test_answers_to_a_command_are_told_as_they_come() -> None:
-    model = flying_model(PLAN)
-    views = [model.view(30.0)]
-    model.fold(Command("c1", "land", (1, 2), 30.0), 30.0)
-    views.append(model.view(30.0))
-    model.fold(Ack(1, "c1", True, ""), 30.0)
-    model.fold(Ack(2, "c1", False, "no longer flies"), 30.0)
-    views.append(model.view(30.0))
-    assert [log_lines(a, b) for a, b in itertools.pairwise(views)] == [
-        ["[   30.0 s] command land: waiting for agents 1-2"],
-        [
-            (
-                "[   30.0 s] command land: acknowledged by agent 1, refused by agent 2: no longer"
-                " flies; agents 3-6 go on without it (policies.left_by_order)"
-            )
-        ],
-    ]
-
-
-def test_events_of_many_agents_are_one_line_and_what_is_dropped_is_counted() -> None:
-    model = flying_model(PLAN)
-    before = model.view(30.0)
-    for agent in PLAN.agents:
-        for k in range(200):
-            model.fold(Event(agent.id, 30.0 + k, "info", f"note {k}"), 30.0)
-    overrun, *told = log_lines(before, model.view(30.0))
-    assert overrun == "[   30.0 s] 200 events came too fast to be told"
-    assert len(told) == 200
-    assert "agents 2-6: note 199" in told[-1]
-
-
 def test_what_was_said_before_is_told_at_its_own_time() -> None:
     """Of a station that joined in flight: the first view has the run's events and commands."""
     model = flying_model(PLAN)

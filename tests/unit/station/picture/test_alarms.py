@@ -28,7 +28,7 @@ from swarm_ctl.station.dashboard.drawing.picture import Picture
 from swarm_ctl.station.picture.alarms import RULES, Level, alarms
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.summaries import gather_alarms, verdict
-from swarm_ctl.station.picture.view import FollowView, StationHealth, SwarmView, TargetView
+from swarm_ctl.station.picture.view import FollowView, SwarmView, TargetView
 from tests.unit.plans import steps_of, with_group
 from tests.unit.station.swarm import flying_model, hexagon_plan, report_of, state_of, status_of
 
@@ -232,35 +232,6 @@ def test_a_figure_just_beyond_its_limit_can_be_told_from_it() -> None:
     assert alarm.text == "agents 2, 6: their link is 22.5004 m long, over r 22.5000 m"
     (alarm,) = alarms(_state(6, position_ned_m=(60.0, 62.499, -10.0)))
     assert alarm.text == "agents 2, 6: 2.499 m apart, under r_in 2.500 m"
-
-
-def test_refusals_of_agents_and_station_are_one_line() -> None:
-    """One alarm for an owner of keys and a reason, however many refuse its messages."""
-    model = flying_model(PLAN, 30.0)
-    for agent in (2, 3):
-        model.fold(status_of(PLAN, agent, 30.0, refused=(REFUSAL,)), 30.0)
-    view = replace(model.view(30.0), health=StationHealth(refused=(REFUSAL,)))
-    words = f"refused on the mesh: {REFUSAL.words}"
-    assert gather_alarms(alarms(view)) == [(Level.WARNING, f"agents 2-3: {words}")]
-    alone = replace(flying_model(PLAN, 30.0).view(30.0), health=StationHealth(refused=(REFUSAL,)))
-    assert gather_alarms(alarms(alone)) == [(Level.WARNING, f"this station: {words}")]
-
-
-def _each(**changes: object) -> SwarmView:
-    """The changes in every agent's status."""
-    model = flying_model(PLAN, 30.0)
-    for agent in PLAN.agents:
-        model.fold(status_of(PLAN, agent.id, 30.0, **changes), 30.0)
-    return model.view(30.0)
-
-
-def test_alarms_of_one_reason_are_one_line() -> None:
-    lines = gather_alarms(alarms(Model(PLAN).view(6.0)))
-    assert lines == [(Level.WARNING, "agents 1-6: never heard")]
-    landed = {"action": FailsafeAction.LAND, "cause": Cause.ORDER, "reason": "landed"}
-    assert verdict(_each(**landed), alarms(_each(**landed))) == [
-        (Level.WARNING, "agents 1-6: landed")
-    ]
 
 
 @pytest.mark.parametrize(

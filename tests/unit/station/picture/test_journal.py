@@ -73,20 +73,6 @@ def test_events_of_several_agents_and_views_become_one_line() -> None:
     )
 
 
-def test_a_command_is_one_line_that_grows() -> None:
-    model, journal = flying_model(PLAN), Journal()
-    model.fold(Command("c", "land", (), 30.0), 30.0)
-    journal.update(model.view(30.0))
-    for agent in range(1, 7):
-        model.fold(Ack(agent, "c", agent < 6, "" if agent < 6 else "no"), 30.1)
-        journal.update(model.view(30.1))
-    (entry,) = journal.entries
-    assert (entry.text, entry.level) == (
-        "land: acknowledged by agents 1-5, refused by agent 6: no",
-        Level.WARNING,
-    )
-
-
 def test_a_refusal_by_many_is_one_reason_and_agents_that_were_not_meant_do_not_refuse() -> None:
     model, journal = flying_model(PLAN), Journal()
     model.fold(Command("c", "hold", (), 30.0), 30.0)

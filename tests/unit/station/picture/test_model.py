@@ -43,13 +43,6 @@ from tests.unit.station.swarm import (
 PLAN = hexagon_plan()
 
 
-def test_all_agents_of_the_plan_are_there_before_anything_is_heard() -> None:
-    view = Model(PLAN).view(0.0)
-    assert [agent.id for agent in view.agents] == [1, 2, 3, 4, 5, 6]
-    assert all(agent.phase is None and not agent.lost and not agent.live for agent in view.agents)
-    assert (view.step, view.error_m, view.pairs, view.event_count) == (0, None, (), 0)
-
-
 def test_exchanged_slots_are_those_of_the_role() -> None:
     """Agents 1 and 2 took each other's slots and stand in them: the shape stands, and the map shows
     theirs."""
@@ -84,19 +77,6 @@ def test_an_agent_is_lost_after_the_plans_time_and_no_longer_counts() -> None:
     assert view.error_m == pytest.approx(float(formation_error(kept, 5.0 * np.array(slots))))
 
 
-def test_a_status_alone_keeps_an_agent_heard() -> None:
-    """Before its vehicle has a position an agent sends no states."""
-    model = Model(PLAN)
-    model.fold(status_of(PLAN, 2, 5.0, phase=Phase.PREPARE, step=0, airborne=False), 5.0)
-    agent = model.view(6.0).agent(2)
-    assert (agent.phase, agent.lost, agent.link.age_s, agent.silence_s) == (
-        Phase.PREPARE,
-        False,
-        None,
-        1.0,
-    )
-
-
 def test_late_messages_change_no_picture() -> None:
     model = flying_model(PLAN, 30.0)
     before = model.view(30.0)
@@ -122,24 +102,6 @@ def test_a_view_never_changes_again() -> None:
     assert view == kept
 
 
-def test_pairs_hold_both_sides_and_go_when_reports_stop() -> None:
-    model = flying_model(PLAN, 30.0)
-    (pair,) = model.view(30.0).pairs
-    assert (pair.a, pair.b) == (2, 6)
-    assert pair.distance_m == pytest.approx(5 * 1.31)
-    assert [(agent, report.peer) for agent, report in pair.sides] == [(2, 6), (6, 2)]
-    assert model.view(31.5).pairs == ()
-
-
-def test_a_repeated_event_is_one_event() -> None:
-    model = Model(PLAN)
-    event = Event(3, 4.0, "warning", "vehicle: low battery")
-    model.fold(event, 4.0)
-    model.fold(event, 4.1)
-    view = model.view(5.0)
-    assert (view.events, view.event_count) == ((event,), 1)
-
-
 def test_only_the_last_events_are_kept_and_all_are_counted() -> None:
     model = Model(PLAN)
     for k in range(1300):
@@ -147,17 +109,6 @@ def test_only_the_last_events_are_kept_and_all_are_counted() -> None:
     view = model.view(1300.0)
     assert view.event_count == 1300
     assert [event.time_s for event in view.events] == [float(k) for k in range(300, 1300)]
-
-
-def test_acks_belong_to_their_command_and_the_first_word_of_a_command_counts() -> None:
-    model = Model(PLAN)
-    model.fold(Command("c1", "land", (), 1.0), 1.0)
-    model.fold(Command("c1", "land", (), 1.5), 1.5)
-    model.fold(Ack(2, "c1", True, ""), 1.6)
-    model.fold(Ack(2, "never sent", True, ""), 1.6)
-    (command,) = model.view(2.0).commands
-    assert command.received_s == 1.0
-    assert list(command.acks) == [2]
 
 
 def test_strangers_fill_no_memory() -> None:
