@@ -205,6 +205,17 @@ def ssh_is(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None:
     monkeypatch.setenv("PATH", str(folder), prepend=os.pathsep)
 
 
+def test_what_travels_is_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bundle to the host, and its logs to a file here: longer than a pipe holds."""
+    ssh_is(tmp_path, monkeypatch, "cat")
+    data = bytes(range(256)) * 4000
+    with (tmp_path / "out").open("w+b") as out:
+        answer = Ssh().ask("drone3", ["install", "-"], 60.0, data, out, len(data))
+        out.seek(0)
+        assert (answer.reach, out.read()) == (Reach.ANSWERED, data)
+    assert Ssh().ask("drone3", ["state"], 60.0, b"here").out == b"here"
+
+
 @pytest.mark.parametrize("script", ["yes", "yes >&2 & exec yes", "(sleep 60 & yes)"])
 def test_a_host_that_answers_without_end_is_not_read_to_the_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str

@@ -270,3 +270,28 @@ def test_the_fence_of_a_vehicle_that_has_none_is_told_as_the_autopilot_tells_it(
     assert bool(status["onboard_control_sensors_health"] & fence) is told
     assert bool(status["onboard_control_sensors_present"] & fence) is told
     assert not status["onboard_control_sensors_enabled"] & fence
+
+
+@pytest.mark.parametrize(
+    ("persona", "named"),
+    [
+        (ArdupilotPersona, {4: ("GUIDED", 0, 0), 9: ("LAND", 0, 0)}),
+        (
+            Px4Persona,
+            {6 << 16: ("Offboard", 0, 1), 3 << 16: ("", 1, 0), 4 << 16 | 6 << 24: ("", 7, 1)},
+        ),
+    ],
+)
+def test_modes_that_can_be_set_have_the_names_that_are_shown(
+    persona: Persona, named: dict[int, tuple[str, int, int]]
+) -> None:
+    """A ground station offers no other. Standard modes of PX4 go without a name, as it sends
+    them."""
+    rig = quiet(persona)
+    assert rig.ask(REQUEST, 435, 0) == MavResult.ACCEPTED
+    found = {
+        each["custom_mode"]: (each["mode_name"].decode(), each["standard_mode"], each["properties"])
+        for each in rig.heard("AVAILABLE_MODES")
+    }
+    assert found.keys() == set(persona.modes)
+    assert named.items() <= found.items()
