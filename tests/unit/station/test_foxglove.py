@@ -119,6 +119,14 @@ def test_silence_is_grey_and_stands_in_the_log(shown: list[Derived]) -> None:
     assert any("low battery" in line["message"] and line["name"] == "agent 2" for line in lines)
 
 
+def test_a_late_desk_raises_no_alarm_of_the_time_before_it() -> None:
+    """It begins in the middle of a flight in which all agents are heard."""
+    desk, middle_s = Desk(PLAN, START_NS), SILENT_S[1] + 2.0
+    late = [one for one in said() if middle_s < one[0] < middle_s + 5.0]
+    shown = [made for heard_s, payload in late for made in desk.hear(payload, heard_s)]
+    assert [json.loads(made.data)["message"] for made in shown if made.topic is desks.LOG] == []
+
+
 def test_looks_are_bounded(shown: list[Derived]) -> None:
     """At most one in LOOK_S, however many messages come."""
     times = [m.time_s for m in shown if m.topic is desks.FIGURES]

@@ -17,6 +17,7 @@ from swarm_ctl.commands.build import build
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Ack, Command, Echo, LinkReport, Phase
+from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.swarm.gain_update import LEAD_S
 from swarm_ctl.engine.station.ground_station import swarm_now
 from swarm_ctl.station.dashboard.bars import answers_line, title_line
@@ -30,10 +31,11 @@ from swarm_ctl.station.foxglove.desk import figures
 from swarm_ctl.station.output.json_lines import json_line
 from swarm_ctl.station.picture.alarms import Alarm, Level
 from swarm_ctl.station.picture.colours import COLOURS, ON_DARK, ON_LIGHT, inks
-from swarm_ctl.station.picture.link_quality import bad_links, mesh_judgements
+from swarm_ctl.station.picture.history import LinkSeries
+from swarm_ctl.station.picture.link_quality import bad_links, judge, mesh_judgements
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.summaries import answers
-from swarm_ctl.station.picture.view import CommandView
+from swarm_ctl.station.picture.view import CommandView, LinkView, SwarmView
 from tests.unit.plans import REST, SCOUTS, SWEEPERS, groups_mission
 from tests.unit.station.pictures import PICTURES, PLAN
 from tests.unit.station.swarm import flying_model, grouped_model, hexagon_plan, state_of, status_of
@@ -133,6 +135,22 @@ def test_a_cell_is_as_wide_as_its_column_whatever_it_holds(text: str) -> None:
     assert cell_len(Heading("x", 8).cell(printable).words) == 9
 
 
+def _link(age: float | None, series: LinkSeries = LinkSeries()) -> tuple[Level, str]:  # noqa: B008 - immutable
+    judgement = judge(LinkView(1, 2, LinkReport(age, 0.03, 0.06, 100, 0)), series)
+    return judgement.level, judgement.words
+
+
+def test_a_bad_link_is_named_in_words() -> None:
+    lossy = LinkSeries((), ((20.0, 100, 0), (30.0, 190, 10)))
+    awful = LinkSeries((), ((20.0, 100, 0), (30.0, 150, 50)))
+    assert _link(0.05) == (Level.WELL, "")
+    assert _link(None) == (Level.WAITING, "never heard")
+    assert _link(0.7) == (Level.WARNING, "last state 0.7 s old")
+    assert _link(0.7, awful) == (Level.ERROR, "last state 0.7 s old, 50% lost in 10 s")
+    assert _link(1.5) == (Level.ERROR, "last state 1.5 s old")
+    assert _link(0.05, lossy) == (Level.WARNING, "10% lost in 10 s")
+
+
 def test_an_agent_that_all_hear_badly_is_one_sentence() -> None:
     model = flying_model(PLAN)
     for agent in PLAN.agents:
@@ -145,6 +163,18 @@ def test_an_agent_that_all_hear_badly_is_one_sentence() -> None:
     view = model.view(30.0)
     sentences = bad_links(view, mesh_judgements(view))
     assert sentences == [(Level.WARNING, "all agents hear agent 3 badly: last state 0.7 s old")]
+
+
+def test_a_beacon_that_comes_back_tells_the_round_trip() -> None:
+    """Sent at 30.0, lay 0.3 s at the agent, back at 30.35."""
+    model = Model(PLAN, station="here")
+    model.fold(status_of(PLAN, 1, 30.3, echo=Echo("here", 30.0, 0.3)), 30.35)
+    model.fold(status_of(PLAN, 2, 30.3, echo=Echo("elsewhere", 30.0, 0.3)), 30.35)
+    model.fold(
+        status_of(PLAN, 3, 30.3, echo=Echo("here", 31.0, 0.3)), 30.35
+    )  # a clock that can't be
+    trips = [model.view(30.4).agent(i).round_trip_s for i in (1, 2, 3)]
+    assert trips == [pytest.approx(0.05), None, None]
 
 
 def test_a_beacon_that_comes_back_tells_the_agent_s_clock() -> None:
@@ -320,3 +350,41 @@ def test_the_title_says_what_agents_fly_that_have_broken_the_mission_off() -> No
         model.fold(status_of(PLAN, agent, 30.2, **told), 30.2)
     title = title_line(Picture(model.view(30.2)), 100).text
     assert "4 fly home, 2 land, step 2/4 broken off" in title
+
+
+def _from(seen_from: str, view: SwarmView, size: tuple[int, int] = (70, 24)) -> list[str]:
+    picture = Picture(view, chosen=Chosen(seen_from=seen_from))
+    return [line.text for line in map_lines(picture, *size)]
+
+
+def _cell(lines: list[str], word: str) -> tuple[int, int]:
+    """(row, column) of a word that stands there once, above the scale bar."""
+    ((row, found),) = [
+        (row, match)
+        for row, line in enumerate(lines[:-1])
+        for match in re.finditer(rf"(?<!\d){word}(?!\d)", line)
+    ]
+    return row, found.start()
+
+
+def test_from_a_side_agents_behind_each_other_have_ids_side_by_side() -> None:
+    """A grid of 3 x 4 in two layers: each id stands there once, at its own height."""
+    plan = hexagon_plan(12)
+    model = Model(plan)
+    for k, agent in enumerate(plan.agents):
+        place = (10.0 * (k // 3), 10.0 * (k % 3), -10.0 - 5.0 * (k % 2))
+        model.fold(state_of(plan, agent.id, 30.0, step=1, position_ned_m=place), 30.0)
+    lines = _from("south", model.view(30.0))
+    rows = {height: _cell(lines, f"{height} m")[0] for height in (10, 15)}
+    for k, agent in enumerate(plan.agents):
+        assert _cell(lines, f"{agent.id}(?! m)")[0] == rows[10 + 5 * (k % 2)]
+
+
+def test_from_a_side_a_zone_stands_from_floor_to_ceiling() -> None:
+    tower = Zone("tower", ((60.0, 60.0),), 5.0, 1.0, ceiling_m=8.0)
+    bridge = Zone("bridge", ((60.0, 60.0),), 5.0, 1.0, floor_m=14.0)
+    model = flying_model(replace(PLAN, zones=(tower, bridge)))
+    high = state_of(PLAN, 1, 30.1, seq=2000, position_ned_m=(70.0, 80.0, -20.0))
+    model.fold(high, 30.1)
+    south = _from("south", model.view(30.1))
+    assert _cell(south, "tower")[0] > _cell(south, "10 m")[0] > _cell(south, "bridge")[0]

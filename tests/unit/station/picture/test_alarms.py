@@ -12,6 +12,7 @@ from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import (
     Command,
     CommandKind,
+    ExchangeState,
     LinkReport,
     Outcome,
     Phase,
@@ -21,6 +22,7 @@ from swarm_ctl.core.model.messages import (
     TickReport,
     VehicleLinkReport,
 )
+from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.swarm.gain_update import planned
@@ -227,11 +229,30 @@ def test_every_broken_sigma_is_an_error(changes: dict[str, object]) -> None:
     assert (alarm.name, alarm.level) == ("sigma bound", Level.ERROR)
 
 
+def test_a_machine_that_does_not_keep_up_is_told_once_for_all() -> None:
+    view = _slow(1, 2, 4, 6)
+    assert gather_alarms(alarms(view)) == [
+        (
+            Level.ERROR,
+            "agents 1-6: the machine can't keep up with --speedup 20: ticks 12.5 of 20 Hz",
+        )
+    ]
+
+
 def test_a_figure_just_beyond_its_limit_can_be_told_from_it() -> None:
     (alarm,) = alarms(_state(6, position_ned_m=(60.0, 60.0 - 22.5004, -10.0)))
     assert alarm.text == "agents 2, 6: their link is 22.5004 m long, over r 22.5000 m"
     (alarm,) = alarms(_state(6, position_ned_m=(60.0, 62.499, -10.0)))
     assert alarm.text == "agents 2, 6: 2.499 m apart, under r_in 2.500 m"
+
+
+def test_measured_alarms_of_one_kind_are_one_line() -> None:
+    model = flying_model(PLAN, 30.0)
+    for agent in (2, 4, 5):
+        model.fold(status_of(PLAN, agent, 30.0, battery_percent=10.0 + agent), 30.0)
+    assert gather_alarms(alarms(model.view(30.0))) == [
+        (Level.WARNING, "agent 2: battery at 12 % (and 2 more: agents 4-5)")
+    ]
 
 
 @pytest.mark.parametrize(
@@ -310,6 +331,26 @@ def test_vehicles_on_the_ground_are_not_too_close() -> None:
     assert {alarm.name for alarm in alarms(model.view(30.0))} == {"too close"}
     model.fold(status_of(PLAN, 6, 30.0, phase=Phase.TAKEOFF, airborne=False), 30.0)
     assert alarms(model.view(30.0)) == ()
+
+
+def test_a_graph_that_a_step_chose_has_its_links_measured_after_that_step() -> None:
+    """While its agents come together they may be apart; and it follows exchanged slots."""
+    ring = tuple(tuple(sorted({k % 6 + 1, (k - 2) % 6 + 1})) for k in range(1, 7))
+    first, form, *later = steps_of(PLAN)
+    assert isinstance(form, FormStep)
+    plan = with_group(PLAN, steps=(first, replace(form, neighbours=ring), *later))
+    model = flying_model(plan, 30.0)
+    assert {(e.a, e.b) for e in model.view(30.0).edges} == {
+        *((k, k + 1) for k in range(1, 6)),
+        (1, 6),
+    }
+    assert alarms(model.view(30.0)) == ()
+    for agent in plan.agents:
+        role = ExchangeState(role={1: 1, 2: 0}.get(agent.id, agent.id - 1))
+        model.fold(state_of(plan, agent.id, 30.0, 1200, step=3, exchange=role), 30.0)
+    view = model.view(30.0)
+    assert {(e.a, e.b) for e in view.edges} == {(1, 2), (1, 3), (3, 4), (4, 5), (5, 6), (2, 6)}
+    assert {alarm.name for alarm in alarms(view)} == {"long link"}
 
 
 def test_in_file_links_are_as_long_as_the_file() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from swarm_ctl.commands.parse import Order
+from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Ack, Command, CommandKind, Event
 from swarm_ctl.engine.station.ground_station import swarm_now
 from swarm_ctl.station.picture.alarms import Level
@@ -73,6 +74,20 @@ def test_events_of_several_agents_and_views_become_one_line() -> None:
     )
 
 
+def test_a_command_is_one_line_that_grows() -> None:
+    model, journal = flying_model(PLAN), Journal()
+    model.fold(Command("c", "land", (), 30.0), 30.0)
+    journal.update(model.view(30.0))
+    for agent in range(1, 7):
+        model.fold(Ack(agent, "c", agent < 6, "" if agent < 6 else "no"), 30.1)
+        journal.update(model.view(30.1))
+    (entry,) = journal.entries
+    assert (entry.text, entry.level) == (
+        "land: acknowledged by agents 1-5, refused by agent 6: no",
+        Level.WARNING,
+    )
+
+
 def test_a_refusal_by_many_is_one_reason_and_agents_that_were_not_meant_do_not_refuse() -> None:
     model, journal = flying_model(PLAN), Journal()
     model.fold(Command("c", "hold", (), 30.0), 30.0)
@@ -112,6 +127,18 @@ def test_an_order_to_all_does_not_wait_for_those_that_have_left() -> None:
     joined = Model(PLAN)
     joined.fold(status_of(PLAN, 2, 30.0, without=(3,)), 30.0)
     assert joined.view(30.0).left == {3}
+
+
+def test_alarms_of_one_reason_from_several_views_are_one_line() -> None:
+    model, journal = flying_model(PLAN), Journal()
+    landed = {"action": FailsafeAction.LAND, "cause": Cause.ORDER, "reason": "landed"}
+    for k, agents in enumerate(((1, 2), (3,), (4, 5, 6))):
+        for agent in agents:
+            model.fold(status_of(PLAN, agent, 30.0, **landed), 30.0)
+        journal.update(model.view(30.0 + 0.2 * k))
+    assert journal.entries == (
+        JournalLine(30.0, "alarm", Level.WARNING, (1, 2, 3, 4, 5, 6), "agents 1-6: landed"),
+    )
 
 
 def test_the_log_is_in_the_order_of_the_times_that_it_shows() -> None:

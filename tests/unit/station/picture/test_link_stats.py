@@ -9,6 +9,12 @@ from hypothesis import strategies as st
 from swarm_ctl.station.picture.link_stats import Receiver
 
 
+def test_age_is_time_since_receipt_plus_time_under_way() -> None:
+    receiver = Receiver()
+    receiver.hear(1, sent_s=10.0, received_s=10.02)
+    assert receiver.report(10.5).age_s == pytest.approx(0.5)
+
+
 def test_a_foreign_clock_that_answers_is_known() -> None:
     """0.1 s there and back: a state that took 0.04 s is taken for 0.05 s old, whatever the clock
     shows."""

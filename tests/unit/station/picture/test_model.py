@@ -102,6 +102,14 @@ def test_a_view_never_changes_again() -> None:
     assert view == kept
 
 
+def test_pairs_come_nearest_first() -> None:
+    model = flying_model(PLAN, 30.0)
+    model.fold(
+        SigmaReport(1, 30.0, (0.0, 0.0), (0.0, 0.0), (report_of(3, 1.4), report_of(2, 0.9))), 30.0
+    )
+    assert [(pair.a, pair.b) for pair in model.view(30.0).pairs] == [(1, 2), (2, 6), (1, 3)]
+
+
 def test_only_the_last_events_are_kept_and_all_are_counted() -> None:
     model = Model(PLAN)
     for k in range(1300):
@@ -109,6 +117,14 @@ def test_only_the_last_events_are_kept_and_all_are_counted() -> None:
     view = model.view(1300.0)
     assert view.event_count == 1300
     assert [event.time_s for event in view.events] == [float(k) for k in range(300, 1300)]
+
+
+def test_a_stranger_is_shown() -> None:
+    model = Model(PLAN)
+    model.fold(replace(state_of(PLAN, 1, 1.0), agent=42), 1.0)
+    view = model.view(1.0)
+    assert [agent.id for agent in view.agents if not agent.in_plan] == [42]
+    assert view.agent(42).error_m is None
 
 
 def test_strangers_fill_no_memory() -> None:
@@ -236,6 +252,12 @@ def test_one_that_left_is_in_no_group_and_a_silent_one_is_named() -> None:
     assert view.beside((1,)) == (*SWEEPERS, *REST)
     assert view.whom((1, 3, 4, 5)) == "scouts, agent 5"
     assert view.whom((1, 3)) == "agents 1, 3"
+
+
+def test_before_anything_is_heard_the_whole_swarm_prepares() -> None:
+    (group,) = Model(groups_mission().plan).view(0.0).groups
+    assert (group.name, group.step, len(group.agents)) == ("all", 0, 12)
+    assert (group.waits_for, group.waits_s) == ((), None)
 
 
 def test_an_order_to_one_group_changes_no_other_ones_shape() -> None:

@@ -72,6 +72,16 @@ def test_a_moment_is_the_same_however_one_came_there(times_s: list[float]) -> No
     assert straight.journal.entries == whole().journal.entries
 
 
+def test_a_way_forwards_may_end_early() -> None:
+    """Playing on a machine that is too slow: it stops at a look, and goes on from there."""
+    made = film()
+    calls = iter([False, False, True])
+    made.seek(END_S, lambda: next(calls))
+    assert made.time_s == pytest.approx(made.start_s + 3 * LOOK_S)
+    made.seek(END_S + 1.0)
+    assert made.time_s == made.end_s
+
+
 def test_marks_are_where_the_log_got_longer() -> None:
     """Events, alarms, orders and steps at the look that told them, found from both sides."""
     kinds = {mark.kind for mark in whole().marks}
