@@ -253,7 +253,10 @@ def test_a_landing_of_three_minutes_is_given_up() -> None:
     flight = Flight(outcome=Outcome.ABORTED)
     flight.at(0.0)
     assert isinstance(flight.at(180.0), LandGoal)
-    assert isinstance(flight.at(180.1), ReleaseGoal)
+    now = flight.own.tick(now=NOW + 180.1)
+    intent = flight.own.landing.carry_out(now, flight.trigger, left=False)
+    assert isinstance(intent.course, ReleaseGoal)
+    assert intent.reason == "not down after 180 s of landing"
     assert flight.own.vehicle.ended_s == NOW + 180.1
     assert flight.own.interruption.trigger == failed(LANDS, "")
     assert flight.own.interruption.reason == "not down after 180 s of landing"
@@ -436,11 +439,12 @@ def test_a_small_formation_that_stands_lands_in_its_places(
     flight, still = Flight(), (0.0, 0.0, 0.0)
     flight.own.interruption.lift()
     flight.own.progress.started_s = NOW
-    near = beside(room_m)
+    near, off_m = beside(room_m), 7.0
+    near = near._replace(stop_point=near.stop_point + off_m)
     assert near.state is not None
     for later_s, theirs, ours in ((0.1, moves, own_moves), (0.2, still, still)):
         other = near._replace(state=replace(near.state, velocity_ned_mps=theirs))
-        own = None if ours is None else fix(velocity=ours)
+        own = None if ours is None else fix(off_m, velocity=ours)
         one = flight.own.tick(other, peer(3), now=NOW + later_s, fix=own)
         done = flight.own.act(one, flight.own.landing.land(one))
     assert isinstance(done, goal)
@@ -485,7 +489,11 @@ def test_a_way_back_without_a_peer_is_given_up() -> None:
     assert isinstance(flight.at(5.0, *silent), FlyGoal)
     flight.at(5.1, *silent)
     reason = "a reason; no other agent is heard, so it lands here"
-    assert given_up(flight.own) == (failed(LANDS, reason, Cause.BATTERY), reason, NOW + 5.1)
+    assert given_up(flight.own, Cause.BATTERY) == (
+        failed(LANDS, reason, Cause.BATTERY),
+        reason,
+        NOW + 5.1,
+    )
 
 
 def test_so_is_a_return_step() -> None:
@@ -494,12 +502,14 @@ def test_so_is_a_return_step() -> None:
         one = own.tick(*silent, now=NOW + later_s)
         own.act(one, own.landing.come_back(one))
     reason = "return; no other agent is heard, so it lands here"
-    assert given_up(own) == (failed(LANDS, reason, Cause.PEER), reason, NOW + 5.1)
+    assert given_up(own, Cause.PEER) == (failed(LANDS, reason, Cause.PEER), reason, NOW + 5.1)
 
 
-def given_up(own: Own) -> Any:
+def given_up(own: Own, cause: Cause) -> Any:
     """The trigger in force, what was said of it as an error, and since when it is in force."""
     (event,) = own.log.events
+    assert own.interruption.trigger is not None
+    assert own.interruption.trigger.cause is cause
     assert (event.time_s, event.level) == (own.interruption.since_s, Severity.ERROR)
     return own.interruption.trigger, event.text, own.interruption.since_s
 
@@ -516,6 +526,37 @@ def test_a_way_back_has_two_minutes_for_each_agent() -> None:
     assert flight.own.interruption.trigger is not None
     reason = f"it took more than {most_s:.0f} s, so it lands here"
     assert reason in flight.own.interruption.trigger.reason
+
+
+@pytest.mark.parametrize(
+    ("held_up", "words"),
+    [("", "something stands in its way home"), ("goes round zone oak", "it goes round zone oak")],
+)
+def test_a_way_back_that_is_blocked_says_by_what(held_up: str, words: str) -> None:
+    flight = Flight(RETURNS)
+    flight.at(0.0)
+    flight.own.landing._way_back.blocked = True
+    flight.own.controller._round = held_up
+    flight.at(0.1)
+    assert flight.own.interruption.reason == f"a reason; {words}, so it lands here"
+
+
+def test_who_starts_in_a_zone_lands_beside_it_once_it_comes_no_nearer() -> None:
+    """For eight seconds on its way, and where that very zone is in the way."""
+    own = Flight(RETURNS, own=Own(plan(zones=(TREE,)))).own
+
+    def gives_up(later_s: float, north_m: float, zone: str = "tree", height_m: float = 8.0) -> bool:
+        own.controller._round = f"goes round zone {zone}"
+        at = fix(north_m, velocity=(1.0, 0.0, 0.0), height_m=height_m)
+        own.phase = own.landing.come_back(own.tick(now=NOW + later_s, fix=at)).phase
+        return own.interruption.reason != "a reason"
+
+    assert not gives_up(-20.0, 30.0, height_m=2.0)  # it climbs
+    for later_s, north_m in ((0.0, 30.0), (1.0, 30.0), (2.0, 10.0), (3.0, 6.0), (11.0, 5.6)):
+        assert not gives_up(later_s, north_m)
+    assert not gives_up(11.1, 5.6, "oak")
+    assert gives_up(11.2, 5.6)
+    assert own.interruption.reason == "a reason; its start lies in zone tree, so it lands here"
 
 
 CLOSE = tuple(
