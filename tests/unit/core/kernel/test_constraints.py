@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from swarm_ctl.core.kernel import constraints
 from swarm_ctl.core.kernel.constraints import Margins, Other, cap, flies_with, margins_of, minded
 from swarm_ctl.core.kernel.program import PAIR, Row, relaxed
-from swarm_ctl.core.kernel.wish import NO_RELEASE, noted, swirled, turned
+from swarm_ctl.core.kernel.wish import swirled
 from swarm_ctl.core.model.plan import LawParameters, Response
 
 LAW, SPEED = LawParameters(), 1.0
@@ -144,6 +144,75 @@ def test_keep_out_counts_from_the_nearest_place_the_other_may_be_at(
     assert room <= abs(own - share * age_s * flies) - keep_out + 1e-9
 
 
+@pytest.mark.parametrize(
+    ("fresh", "yields", "age_s", "off"),
+    [
+        (True, True, 0.4, 0.4 * 1.0 + 0.4 * MARGINS.growth),
+        (True, False, 0.4, 0.4 * 1.0 + 3.0 * MARGINS.growth),
+        (False, True, 0.4, 1.0 * 1.0 + 3.0 * MARGINS.growth),
+        (False, False, 9.0, 1.0 * 1.0 + 3.0 * MARGINS.growth),
+    ],
+)
+def test_what_may_constrain(fresh: bool, yields: bool, age_s: float, off: float) -> None:
+    """Fresh news by its age; older news for a second of flight, and all that D may grow by."""
+    reach = MARGINS.keep_out + MARGINS.reach + off
+    told = (1j, age_s, fresh, yields, MARGINS.reach, MARGINS)
+    assert constraints.constrains(reach - 1e-9, *told)
+    assert not constraints.constrains(reach + 1e-9, *told)
+
+
+@given(points, st.floats(0, 9), st.booleans(), st.booleans(), st.floats(0, 2))
+def test_what_may_not_constrain_forbids_nothing(
+    setpoint: tuple[float, float], age_s: float, fresh: bool, yields: bool, unsure_s: float
+) -> None:
+    """Wherever it has flown since it was told of."""
+    assume(not fresh or age_s <= 0.5)
+    flies, reach = complex(*setpoint), minded(unsure_s, MARGINS)
+    other = heard(flies, age_s, yields=yields)._replace(fresh=fresh)
+    flown = abs(flies) * constraints.flown_s(age_s, fresh)
+    grows_s = age_s if fresh and yields else 3.0
+    far = MARGINS.keep_out + reach + flown + MARGINS.growth * grows_s + 1e-6
+    assert not constraints.constrains(far, flies, age_s, fresh, yields, reach, MARGINS)
+    for turn in range(8):
+        apart = far * complex(math.cos(0.8 * turn), math.sin(0.8 * turn))
+        _, bound, room = keep_out_plane(apart, True, other, MARGINS)
+        assert bound <= -MARGINS.speed
+        assert cap(room, unsure_s, MARGINS) == pytest.approx(MARGINS.speed)
+
+
+def test_a_silent_one_is_passed_outside_of_its_keep_out() -> None:
+    """By a fifth of caution's width, however long it has been silent."""
+    for age_s, grown_s in ((0.0, 0.0), (1.0, 1.0), (60.0, 3.0)):
+        _, _, room = keep_out_plane(
+            complex(constraints.passed_at(age_s, MARGINS)), True, heard(0j, age_s), MARGINS
+        )
+        assert room == pytest.approx(0.2 * MARGINS.zone)
+        asked = MARGINS.keep_out + grown_s * MARGINS.growth + 0.2 * MARGINS.zone
+        assert constraints.passed_at(age_s, MARGINS) == pytest.approx(asked)
+
+
+@pytest.mark.parametrize(
+    ("length", "other_mps", "outwards"),
+    [
+        (0.88, 0.0, 0.05 * MARGINS.r),  # half of what is left: the other may take the other half
+        (0.88, -0.01 * MARGINS.r, 0.05 * MARGINS.r),
+        (0.88, 0.07 * MARGINS.r, 0.03 * MARGINS.r),  # it flies out faster than its half
+        (1.0, -0.01 * MARGINS.r, -0.01 * MARGINS.r),
+        (1.0, -0.05 * MARGINS.r, -0.01 * MARGINS.r),
+        (1.0, 0.0, -0.02 * MARGINS.r),  # it does nothing of its half
+        (1.19, 9.0, -0.45 * SPEED),  # less than keeping apart may ask for
+    ],
+)
+def test_a_guard_lets_a_link_grow_to_its_range_and_no_farther(
+    length: float, other_mps: float, outwards: float
+) -> None:
+    """What the other end does not do of its half, this one does; at 98 % of r it ends."""
+    away = complex(0.6, 0.8)
+    normal, bound = constraints.guard(length * MARGINS.r * away, -other_mps * away, MARGINS)
+    assert normal == pytest.approx(-away)
+    assert -bound == pytest.approx(outwards)
+
+
 def test_two_on_one_spot_part_along_north() -> None:
     """The lower id northwards."""
     for lower in (True, False):
@@ -152,18 +221,7 @@ def test_two_on_one_spot_part_along_north() -> None:
         assert (normal * bound).real == pytest.approx(0.5 if lower else -0.5, abs=1e-2)
 
 
-# --- the release ---
-
-
-def test_an_agent_that_does_not_get_on_goes_sideways() -> None:
-    """It wants to go and does not for a while: it then moves across its wish, and tries again."""
-    for flown, stuck in ((0j, True), (1 + 0j, False)):
-        release, sideways = NO_RELEASE, 0
-        for _ in range(100):
-            wish, release = turned(release, 0j, 1 + 0j, 3, SPEED, 0.05)
-            sideways += abs(wish.imag) > 0.1
-            release = noted(release, 1 + 0j, flown, SPEED, 0.05)
-        assert (release.fails > 0) == stuck == (sideways > 10)
+# --- the swirl ---
 
 
 @given(points, points)

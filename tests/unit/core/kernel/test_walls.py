@@ -54,6 +54,29 @@ def test_the_cap_falls_towards_the_wall_and_never_to_nothing() -> None:
     assert wall_cap(WALL.reach, RESPONSE.doubt_s, WALL) == SPEED_MPS
 
 
+@given(st.floats(0.5, 12), st.floats(0.1, 1), st.floats(1, 8), st.floats(0, 3), st.floats(0.5, 3))
+def test_a_wall_beyond_its_reach_asks_for_nothing(
+    speed_mps: float, lag_s: float, most_mps2: float, doubt_s: float, clearance_m: float
+) -> None:
+    """It is not even looked at: the speed limit ensures what it asks for."""
+    response = Response(lag_s=lag_s, acceleration_mps2=most_mps2, doubt_s=doubt_s)
+    margins = wall_margins_of(clearance_m, response, speed_mps)
+    assert keep_off(margins.reach, margins) <= -speed_mps + 1e-9
+    assert wall_cap(margins.reach, doubt_s, margins) == pytest.approx(speed_mps)
+
+
+def test_each_cause_of_caution_at_a_wall() -> None:
+    """To turn, to stop, and for what is doubted of the own stop point."""
+    free = WALL._replace(spare=1e9, braking=1e9)
+    half = 0.5 * (WALL.slow + WALL.speed)
+    assert wall_cap(WALL.keep + 0.5 * WALL.zone, 0.0, free) == pytest.approx(half)
+    stops = free._replace(braking=0.5, zone=1e-9)
+    assert wall_cap(WALL.keep + 1.0, 0.0, stops) == pytest.approx(min(WALL.slow + 1.0, 5.0))
+    unsure = free._replace(spare=0.5, zone=1e-9)
+    assert wall_cap(WALL.keep + 1.0, 0.5, unsure) == pytest.approx(3.0)
+    assert wall_cap(WALL.keep - 1.0, 0.5, unsure) == pytest.approx(min(1.0, WALL.slow))
+
+
 def test_margins_are_the_same_in_any_unit() -> None:
     in_units = wall_margins_of(1.25, RESPONSE, SPEED_MPS, 5.0)
     assert [5.0 * each for each in in_units] == pytest.approx(list(WALL))
