@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import pytest
+
 from swarm_ctl.core.kernel.constraints import Other, cap, keep_out, margins_of
-from swarm_ctl.core.kernel.decide import Own, decided
+from swarm_ctl.core.kernel.decide import Link, NearWall, Own, decided
 from swarm_ctl.core.kernel.program import Row
+from swarm_ctl.core.kernel.walls import Wall, wall_margins_of
 from swarm_ctl.core.model.plan import LawParameters, Response
 
 MARGINS = margins_of(LawParameters(), Response(), 5.0, 5.0)
@@ -44,3 +47,39 @@ def test_who_is_under_the_keep_out_leaves_as_fast_as_that_asks() -> None:
         found = decided(0j, *known, Own(0.0, 0.6, 0j), margins, [])
         assert abs(found.velocity - bound) < 1e-6
         assert not found.yielded
+
+
+AWAY = Link(2, complex(MARGINS.r, 0.0), 0j, 0j, along=True)
+"""Longer than the guard allows, to one that stands."""
+
+
+@pytest.mark.parametrize(
+    ("moving", "along", "guarded"),
+    [(0j, True, True), (0j, False, True), (3 + 0j, True, True), (3 + 0j, False, False)],
+)
+def test_a_moving_formation_keeps_to_those_that_fly_along(
+    moving: complex, along: bool, guarded: bool
+) -> None:
+    """By the velocity that they share: within it, links hold as in a formation that stands."""
+    link = AWAY._replace(along=along, setpoint=moving)
+    own = Own(0.0, 0.6, moving)
+    found = decided(moving + 1, [], 0, [link], 1, [], 0, own, MARGINS, [])
+    assert found.used == int(guarded)
+    pulled = (found.velocity - moving).real
+    assert pulled < -0.01 if guarded else pulled == 1.0
+
+
+def test_a_velocity_that_is_shared_is_not_asked_for_twice() -> None:
+    others = [other(2, complex(0.0, FAR_M))]
+    own = Own(0.0, 0.6, 3 + 0j)
+    found = decided(3.5 + 0.5j, others, 1, [], 0, [], 0, own, MARGINS, [])
+    assert (found.velocity, found.wish, found.touched) == (3.5 + 0.5j, 0.5 + 0.5j, False)
+
+
+@pytest.mark.parametrize("gap_m", [0.0, 0.5, 1.5])
+def test_no_aircraft_pushes_another_into_a_wall(gap_m: float) -> None:
+    walls = wall_margins_of(1.25, Response(), 5.0)
+    near = other(2, complex(-0.5 * MARGINS.keep_out, 0.0))
+    wall = NearWall(Wall(1 + 0j, gap_m, 3), walls)
+    found = decided(-1 + 0j, [near], 1, [], 0, [wall], 1, Own(0.0, 0.6, 0j), MARGINS, [])
+    assert found.velocity.real >= -1e-6
