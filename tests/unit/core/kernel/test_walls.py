@@ -65,6 +65,12 @@ def test_a_wall_beyond_its_reach_asks_for_nothing(
     assert wall_cap(margins.reach, doubt_s, margins) == pytest.approx(speed_mps)
 
 
+def test_on_an_edge_itself_the_vector_is_to_one_side_of_it() -> None:
+    """And in the middle of a circle northwards: a unit vector in each case."""
+    assert faced(Edge(0j, 3 + 4j, 0.0), 1.5 + 2j) == (pytest.approx(0.8 - 0.6j), 0.0)
+    assert faced(Edge(2 + 3j, 2 + 3j, 5.0), 2 + 3j) == (1 + 0j, -5.0)
+
+
 def test_each_cause_of_caution_at_a_wall() -> None:
     """To turn, to stop, and for what is doubted of the own stop point."""
     free = WALL._replace(spare=1e9, braking=1e9)
