@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import struct
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -271,15 +272,15 @@ def test_another_firmware_or_kind_of_vehicle_gets_nothing_but_heartbeats(
         assert {m.msgname for m in driver.pursue(goal, heard, 1.0)} <= {"HEARTBEAT"}
 
 
-# --- airborne ---
-
-
 def test_a_take_off_that_was_accepted_is_not_asked_for_again_while_motors_spool_up() -> None:
     vehicle = make("ardupilot", spool_up_s=5.0)
     vehicle.run(StandbyGoal(), 6.0)
     assert len(commands(vehicle.run(AirborneGoal(3.0), 20.0), TAKE_OFF)) == 1
     assert vehicle.height_m == pytest.approx(3.0, abs=0.1)
     assert not [text for text in vehicle.heard.texts.take(vehicle.now) if "refused" in text]
+
+
+# --- airborne ---
 
 
 def test_a_vehicle_that_is_silent_is_not_told_to_take_off_again() -> None:
@@ -292,6 +293,13 @@ def test_a_vehicle_that_is_silent_is_not_told_to_take_off_again() -> None:
     sent += vehicle.run(AirborneGoal(30.0), 20.0)
     assert commands(sent, TAKE_OFF) == [], "a second one would restart the climb"
     assert vehicle.height_m == pytest.approx(30.0, abs=0.1)
+
+
+def test_a_take_off_that_had_no_effect_is_asked_for_again() -> None:
+    vehicle = make("ardupilot", spool_up_s=math.inf)
+    vehicle.run(StandbyGoal(), 6.0)
+    times = [t for t, _ in commands(vehicle.run(AirborneGoal(3.0), 32.0), TAKE_OFF)]
+    assert [b - a for a, b in pairwise(times)] == pytest.approx([10.0] * 3)
 
 
 def test_a_px4_that_has_flown_is_ready_for_another_flight() -> None:
@@ -311,19 +319,6 @@ def test_a_px4_in_a_pilots_mode_is_left_there_while_it_stands_by() -> None:
     vehicle = make("px4")
     vehicle.mode = PILOT["px4"]
     assert commands(vehicle.run(StandbyGoal(), 10.0), MODE) == []
-
-
-def test_our_own_auto_loiter_after_an_earlier_flight_is_no_pilots() -> None:
-    """Health may be told before the heartbeat that shows the mode we asked for."""
-    vehicle = make("px4")
-    vehicle.run(StandbyGoal(), 6.0)
-    vehicle.mode = scripted.OFFBOARD  # as an earlier flight leaves it
-    while vehicle.driver.mode(vehicle.heard) != "OFFBOARD":
-        vehicle.tick([])
-    vehicle.run(StandbyGoal(), 0.1)
-    assert (vehicle.mode, vehicle.driver.mode(vehicle.heard)) == (scripted.LOITER, "OFFBOARD")
-    vehicle.run(AirborneGoal(3.0), 15.0)
-    assert vehicle.height_m == pytest.approx(3.0, abs=0.1)
 
 
 def test_px4_climbs_only_while_its_height_is_known() -> None:
@@ -508,14 +503,6 @@ def test_the_watch_costs_a_read_in_two_seconds_and_no_set(name: str) -> None:
     sent = vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 20.0)
     assert len(of(sent, "PARAM_REQUEST_READ")) in range(9, 12)
     assert of(sent, "PARAM_SET") == []
-
-
-def test_a_shorter_wait_than_ours_is_no_danger() -> None:
-    vehicle = flying("ardupilot")
-    vehicle.parameters["FS_GCS_TIMEOUT"] = (3.0, 9)
-    vehicle.say(wire.parameter("FS_GCS_TIMEOUT", 3.0))
-    assert of(vehicle.run(FlyGoal((1.0, 0.0, 0.0)), 5.0), "PARAM_SET") == []
-    assert vehicle.driver.parameters.unsafe(vehicle.now) == ""
 
 
 @both

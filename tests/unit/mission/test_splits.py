@@ -96,12 +96,6 @@ def test_a_group_that_lands_is_not_in_the_steps_that_follow() -> None:
     assert set(Routes(plan).awaited(2, 5)) == {2, 4, 5}
 
 
-def test_a_shape_has_slots_for_each_size_of_a_group() -> None:
-    """For orders to a group."""
-    plan = loads(TEXT).plan
-    assert [(s.name, len(s.slots)) for s in plan.shapes] == [("row", 5), ("row", 2), ("row", 1)]
-
-
 MISTAKES = {
     "no such group": (("      west:\n", "      wets:\n"), "steps#3.split.wets", "no group 'wets'; did you mean west?"),
     "no such agent": (("west: [1, 3]", "west: [1, 9]"), "groups.west#2", "there is no agent 9"),

@@ -87,6 +87,12 @@ def test_time_to_settle(under: list[tuple[float, float]], expected: float | None
     assert found == (None if expected is None else pytest.approx(expected))
 
 
+def test_the_tolerance_itself_is_not_under_it_and_nan_is_not_either() -> None:
+    assert time_to_settle(TIMES, np.full(len(TIMES), 0.5), 0.0, 20.0, 0.5, 5.0) is None
+    assert time_to_settle(TIMES, np.full(len(TIMES), np.nan), 0.0, 20.0, 0.5, 5.0) is None
+    assert time_to_settle(np.zeros(0), np.zeros(0), 0.0, 20.0, 0.5, 5.0) is None
+
+
 @given(
     hnp.arrays(np.float64, 40, elements=st.sampled_from([0.1, 0.9, np.nan])),
     st.integers(0, 39),

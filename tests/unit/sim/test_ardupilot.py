@@ -155,20 +155,6 @@ class TestSetpoints:
         rig.fly(1.0, 0.0, 0.25, frame=frame)
         assert rig.firmware.demand.velocity_ned_mps == pytest.approx((0.0, 1.0, 0.25))
 
-    def test_positions_count_from_the_vehicle_s_own_origin(self) -> None:
-        rig = flying()
-        rig.fly(0.0, 0.0, 0.0, mask=3576, x=20.0, y=30.0, z=-15.0)
-        assert rig.firmware.demand.position_ned_m == (27.0, 27.0, -14.0)
-
-    @pytest.mark.parametrize("bad", [math.nan, math.inf])
-    def test_numbers_that_are_none_are_skipped_and_counted(self, bad: float) -> None:
-        rig = flying()
-        rig.fly(1.0, 0.0, 0.0)
-        before = rig.firmware.ignored
-        rig.fly(bad, 0.0, 0.0)
-        assert rig.firmware.ignored == before + 1
-        assert rig.firmware.demand.velocity_ned_mps == (1.0, 0.0, 0.0)
-
     def test_silence_stops_it_after_guid_timeout_and_keeps_the_mode(self) -> None:
         rig = flying()
         rig.fly(3.0, 0.0, 0.0)

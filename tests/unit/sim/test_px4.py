@@ -12,9 +12,7 @@ from swarm_sim.firmware.px4_persona import LAND as LAND_MODE
 from swarm_sim.firmware.px4_persona import (
     LAND_DETECT_S,
     LOITER,
-    OFFBOARD_LOSS,
     POSCTL,
-    RTL,
     SPOOL_UP_S,
     TAKEOFF,
     Px4Persona,
@@ -144,16 +142,6 @@ class TestOffboard:
         rig.move(landed=True)
         rig.run(LAND_DETECT_S + 2.3)
         assert not rig.firmware.armed
-
-    @pytest.mark.parametrize(
-        ("action", "expected"), [(0, POSCTL), (3, RTL), (4, LAND_MODE), (5, LOITER)]
-    )
-    def test_the_action_is_a_parameter(self, action: int, expected: object) -> None:
-        assert OFFBOARD_LOSS[action] is expected
-        rig = offboard()
-        rig.firmware.parameters.set("COM_OBL_RC_ACT", action)
-        rig.run(1.2)
-        assert mode(rig) == OFFBOARD_LOSS[action].custom
 
     def test_a_lost_ground_station_alone_changes_nothing_by_default(self) -> None:
         rig = flying()

@@ -44,18 +44,6 @@ def quiet(persona: Persona) -> Rig:
 
 
 @BOTH
-def test_no_position_before_ready_although_the_interval_was_accepted(persona: Persona) -> None:
-    rig = Rig(persona)
-    rig.run(0.1)
-    assert rig.ask(INTERVAL, 32, 1e5) == MavResult.ACCEPTED
-    rig.run(2.5)
-    assert not rig.heard("LOCAL_POSITION_NED")
-    assert not rig.firmware.ready()
-    rig.run(1.0)
-    assert rig.heard("LOCAL_POSITION_NED")
-
-
-@BOTH
 def test_positions_are_the_same_place_in_every_message(persona: Persona) -> None:
     rig = quiet(persona)
     rig.sensed = IN_AIR
@@ -73,19 +61,6 @@ def test_positions_are_the_same_place_in_every_message(persona: Persona) -> None
     assert north_m == pytest.approx(local["x"], rel=0.01)
     assert (origin["altitude"] - where["alt"]) / 1000 == pytest.approx(local["z"], abs=0.01)
     assert where["relative_alt"] == 10_000
-
-
-@BOTH
-def test_health_tells_when_it_would_arm(persona: Persona) -> None:
-    rig = Rig(persona)
-    prearm = 0x10000000
-    rig.run(2.0)
-    (status,) = readings(rig.firmware, "SYS_STATUS")
-    assert status["onboard_control_sensors_present"] & prearm
-    assert not status["onboard_control_sensors_health"] & prearm
-    rig.run(1.1)
-    (status,) = readings(rig.firmware, "SYS_STATUS")
-    assert status["onboard_control_sensors_health"] & (prearm | 0x2F) == prearm | 0x2F
 
 
 @BOTH

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl.errors import TrustError
-from swarm_ctl.trust.bundle import install
 from swarm_ctl.trust.check import FleetNames, TrustReport, check
 from swarm_ctl.trust.explain import Answer
 from swarm_ctl.trust.provision import Terms, new, rotate
@@ -45,13 +44,6 @@ def test_a_new_folder_is_fine(made: Path) -> None:
         "viewer tv",
     ]
     assert "agent 3 does not listen at tcp/192.168.1.13:7447" in report.notes[-1]
-
-
-def test_a_hosts_folder_is_fine(made: Path, tmp_path: Path) -> None:
-    """One bundle was installed there; no CA."""
-    install(made / "agent-3.bundle", tmp_path / "host")
-    (tmp_path / "host").chmod(0o700)
-    assert texts(check(tmp_path / "host", NOW, FLEET)) == ""
 
 
 def test_a_key_that_stays_on_its_host_is_no_fault(trust: Path) -> None:

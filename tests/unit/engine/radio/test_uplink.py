@@ -101,17 +101,6 @@ def test_a_flood_of_one_agent_leaves_the_others_their_setpoints() -> None:
     assert sent[3] == pytest.approx(200, abs=4)
 
 
-def test_requests_are_not_starved_where_setpoints_fill_the_radio() -> None:
-    lanes = {1: Lane(20.0), 2: Lane(20.0)}
-    uplink, asked = Uplink(lanes, 1500), False
-    lanes[2].put(request(1), 0.0)
-    for tick in range(60):
-        for lane in lanes.values():
-            lane.put(setpoint(1.0), tick * TICK_S)
-        asked |= any(each.raw == request(1).raw for _, each in uplink.take(0.0, tick * TICK_S))
-    assert asked
-
-
 def test_what_comes_down_is_not_there_for_what_goes_up_but_a_third_always_is() -> None:
     def bytes_up(down: float) -> int:
         lanes = {k: Lane(20.0) for k in range(10)}

@@ -75,14 +75,6 @@ def test_each_message_lands_where_it_belongs_in_si_units() -> None:
     assert heard.parameters["GUID_TIMEOUT"].raw == 3.0
 
 
-@given(st.permutations(ONE_OF_EACH))
-def test_the_order_of_messages_does_not_matter(shuffled: list[Any]) -> None:
-    heard = Telemetry(watched=frozenset({"GUID_TIMEOUT"}))
-    for message in shuffled:
-        fold(heard, message)
-    assert heard == known()
-
-
 REFUSED = {
     "nan position": wire.local_position((NAN, 0.0, 0.0)),
     "infinite velocity": wire.local_position(velocity=(0.0, INF, 0.0)),

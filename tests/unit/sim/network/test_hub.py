@@ -52,17 +52,6 @@ A, B = ("127.0.0.1", 1), ("127.0.0.1", 2)
 HELLO = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
 
 
-def test_clients_that_have_written_hear_the_same_frames_and_others_nothing() -> None:
-    clients = Clients()
-    clients.run(1.0)
-    assert not clients.datagrams
-    clients.tell(0, A, HELLO)
-    clients.tell(0, B, HELLO)
-    clients.run(3.0)
-    assert clients.datagrams[A] == clients.datagrams[B]
-    assert [m.get_type() for m in clients.heard(A)].count("HEARTBEAT") == 3
-
-
 def test_a_px4_answers_its_first_partner_alone_until_it_reboots() -> None:
     clients = Clients(persona="px4")
     clients.tell(0, A, HELLO)
@@ -76,14 +65,6 @@ def test_a_px4_answers_its_first_partner_alone_until_it_reboots() -> None:
     clients.tell(0, B, HELLO)
     clients.run(2.0)
     assert clients.heard(B)
-
-
-def test_answers_go_to_the_asking_client_alone_and_texts_to_all() -> None:
-    clients = Clients()
-    clients.tell(0, B, HELLO)
-    clients.command(0, A, 400, 1.0)
-    assert [m.get_type() for m in clients.heard(A)] == ["STATUSTEXT", "COMMAND_ACK"]
-    assert [m.get_type() for m in clients.heard(B)] == ["STATUSTEXT"]
 
 
 def test_frames_of_one_step_share_a_datagram_within_a_packet_s_size() -> None:

@@ -33,24 +33,6 @@ def at_height(persona: str, n: int = 1) -> Flight:
     return flight
 
 
-@PERSONAS
-def test_take_off_climbs_straight_up_and_stays(persona: str) -> None:
-    flight = Flight(config(1, persona))
-    flight.run(0.5)
-    start = flight.ned()
-    flight.take_off()
-    highest = 0.0
-    for _ in range(40):
-        flight.run(0.5)
-        highest = max(highest, -flight.ned()[2])
-    assert flight.ned()[:2] == pytest.approx(start[:2], abs=1e-6)
-    assert -flight.ned()[2] == pytest.approx(10.0, abs=0.1)
-    assert highest < 10.3
-    here = flight.ned()
-    flight.run(30.0)
-    assert flight.ned() == pytest.approx(here, abs=0.1)
-
-
 def offboard(setpoint: dict[str, float], **parameters: float) -> Flight:
     """A PX4 that is armed in OFFBOARD and stands; after 1 s it is asked to climb."""
     flight = Flight(config(1, "px4"))
