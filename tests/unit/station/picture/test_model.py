@@ -275,3 +275,14 @@ def test_an_order_to_one_group_changes_no_other_ones_shape() -> None:
     after = {agent.id: agent.target_m for agent in model.view(60.1).agents}
     assert all(after[agent] == before[agent] for agent in SWEEPERS)
     assert all(after[agent] != before[agent] for agent in SCOUTS)
+
+
+def test_homes_are_where_agents_stood_before_they_took_off() -> None:
+    """Of one that is heard in the air alone none knows where it stood."""
+    model = Model(PLAN)
+    ground = {"phase": Phase.PREPARE, "step": 0, "airborne": False}
+    for agent in (2, 3):
+        model.fold(state_of(PLAN, agent, 5.0, 1, **ground), 5.0)
+    for agent in (1, 2, 3):
+        model.fold(state_of(PLAN, agent, 30.0, 2), 30.0)
+    assert [*model.view(30.0).histories.homes] == [2, 3]
