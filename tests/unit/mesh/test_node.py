@@ -126,7 +126,9 @@ def test_what_is_too_large_is_not_even_copied(channel: Channel[Any]) -> None:
     mesh, owner = Mesh(), name(channel, 2)
     mesh.put(channel.key("test", owner), Unread(channel.bounds.size + 1))
     assert mesh.taken(channel) == []
-    assert (f"{channel.publisher} {owner}", RefusalReason.TOO_LARGE) in mesh.refused()
+    told = mesh.refused()[f"{channel.publisher} {owner}", RefusalReason.TOO_LARGE].words
+    most = channel.bounds.size
+    assert told.endswith(f"'s key has {most + 1} bytes; allowed: at most {most}")
 
 
 @pytest.mark.parametrize("owner", [7, 3], ids=["a stranger", "an agent of the plan"])

@@ -6,7 +6,7 @@ import cmath
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from swarm_ctl.core.kernel.queue import OUT, STAYS, along_way, next_on, point_on
@@ -62,6 +62,7 @@ def test_behind_its_end_is_its_end() -> None:
 
 
 @given(st.complex_numbers(max_magnitude=60.0), st.floats(0.0, 80.0))
+@example(45 + 25j, 49.0)
 def test_a_vehicle_is_where_the_way_is_nearest_near_where_it_was(at: complex, was: float) -> None:
     """At most 8 m back, 15 m on; of two places that are as near the first."""
     window = [was - 8.0 + 0.01 * k for k in range(2301)]

@@ -123,6 +123,16 @@ def test_the_verdict_says_which_group_failed_and_why() -> None:
     ]
 
 
+def test_an_order_to_all_names_the_groups_that_it_found() -> None:
+    told = [
+        status(i, 3, StepOutcome.ABORTED, reason="landed", outcome=Outcome.ABORTED) for i in ROUTES
+    ]
+    assert judge(run_of(told), {}).reason == (
+        "group scouts (agents 1-4) and group sweepers (agents 5-10) and group rest (agents 11-12):"
+        " landed"
+    )
+
+
 def test_before_the_split_the_verdict_names_no_group() -> None:
     told = [
         status(agent.id, 2, StepOutcome.ABORTED, reason="battery low", cause=Cause.VEHICLE)

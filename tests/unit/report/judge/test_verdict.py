@@ -11,7 +11,14 @@ from typing import Any, Final
 import pytest
 
 from swarm_ctl.core.model.causes import Cause
-from swarm_ctl.core.model.messages import AgentStatus, Outcome, StepOutcome, StepResult
+from swarm_ctl.core.model.messages import (
+    AgentStatus,
+    LinkReport,
+    Outcome,
+    StepOutcome,
+    StepResult,
+    TickReport,
+)
 from swarm_ctl.report.judge.verdict import Ending, judge
 from swarm_ctl.runfolder.last_statuses import LastStatus
 from swarm_ctl.runfolder.run_folder import RunFolder
@@ -123,6 +130,27 @@ ROWS: Final = [
         " agent 2 broke off",
         cause=Cause.BATTERY,
     ),
+    # what no agent can see
+    Row(
+        "a slow machine",
+        each(low(30.0, Cause.TIMEOUT) | {"tick": TickReport(count=890, overruns=1110)}),
+        reason="this machine can't keep up with --speedup 5 (ticks 8.9 of 20 Hz); about 2 would do,"
+        " or --lockstep. agents 1-6: why",
+        cause=Cause.MACHINE,
+    ),
+    Row(
+        "which makes no battery low",
+        each(low(30.0) | {"tick": TickReport(count=890, overruns=1110)}),
+        reason="agents 1-6: why, in step 2 (form hexagon)",
+        cause=Cause.BATTERY,
+    ),
+    Row(
+        "late links",
+        {1: low(30.0, Cause.TIMEOUT) | {"links": {5: LinkReport(0.1, 0.8, 2.1, 300, 100)}}},
+        reason="1 of 26 mesh links were late: agent 5's states reached agent 1 0.8 s old (median),"
+        " 25% lost. agent 1: why",
+        cause=Cause.LINK,
+    ),
     # processes
     Row("one exited", codes={"sim": 3}, reason="sim exited with 3", cause=Cause.PROCESS),
     Row("one failed", codes={"sim": 1}, reason="sim exited with 1", cause=Cause.PROCESS),
@@ -226,6 +254,12 @@ def test_the_verdict(row: Row) -> None:
     assert verdict.outcome is row.outcome
     if row.outcome is not LANDED or row.reason:
         assert (verdict.reason, verdict.cause) == (row.reason, row.cause)
+
+
+def test_without_a_manifest_the_agents_words_are_all() -> None:
+    last = {1: LastStatus(account(1, **low(30.0, Cause.TIMEOUT)), final=True)}
+    run = RunFolder(None, None, {}, None, agents=(1,), last=last, notes=["no manifest"])
+    assert judge(run, {}) == (FAILED, "agent 1: why", Cause.TIMEOUT)
 
 
 def test_a_run_without_agents_has_failed() -> None:
