@@ -36,6 +36,7 @@ def test_direction_is_kept(north: float, east: float) -> None:
 def test_slow_velocities_pass_unchanged() -> None:
     """To the last bit."""
     assert limited(3.0 - 1.0j, SPEED) == 3.0 - 1.0j
+    assert limited(30.0 - 40.0j, SPEED) == pytest.approx(3.0 - 4.0j)
 
 
 @given(SOME, SOME, SOME, SOME, st.floats(0, 5))
