@@ -43,6 +43,17 @@ def mirror(relay: socket.socket) -> Iterator[Mirror]:
 FRAME = b"\xfd" + bytes(20)
 
 
+def test_frames_go_to_the_relay_once_it_has_greeted(mirror: Mirror, relay: socket.socket) -> None:
+    mirror.keep(FRAME)
+    assert mirror.exchange() == []
+    relay.send(SECRET)
+    assert mirror.exchange() == []
+    for _ in range(3):
+        mirror.keep(FRAME)
+    mirror.exchange()
+    assert relay.recv(4096) == 3 * FRAME
+
+
 def test_a_flood_costs_a_tick_a_few_frames_alone(mirror: Mirror, relay: socket.socket) -> None:
     relay.send(SECRET)
     mirror.exchange()

@@ -136,6 +136,17 @@ def test_an_expired_certificate(trust: Path, listen: Listen) -> None:
     assert f"refuses agent-2.outdoors.e2: by its clock it expired on {ended}" in ours
 
 
+def test_a_certificate_of_tomorrow(trust: Path, listen: Listen) -> None:
+    """A clock is wrong."""
+    good = load_identity(trust / "agent-1")
+    copy = shutil.copytree(trust, trust.parent / "copy")
+    rotate(copy, Terms(NOW + timedelta(days=1)))
+    why = explain_handshake(good, listen(load_identity(copy / "agent-2")))
+    assert why is not None
+    assert "not valid before" in why
+    assert "a right clock" in why
+
+
 def test_another_address(tmp_path: Path, listen: Listen) -> None:
     """The certificate is for 10.0.0.1, and it listens here."""
     new(tmp_path / "far", "outdoors", {1: "10.0.0.1", 2: "10.0.0.2"}, [], [], Terms(NOW))

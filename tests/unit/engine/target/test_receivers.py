@@ -40,6 +40,12 @@ def test_nmea_place_height_course_and_quality_come_together() -> None:
     assert (word.name, word.age_s) == ("boat", 0.2)
 
 
+def test_a_receiver_without_rmc_is_heard_by_its_gga() -> None:
+    words = read(Nmea("boat", 0.2), GGA, GGA, GGA)
+    assert words
+    assert words[-1].velocity_ned_mps is None
+
+
 def test_gst_says_the_accuracy_itself() -> None:
     gst = sentence("GNGST,123519.00,1.2,,,,0.3,0.4,0.9")
     *_, word = read(Nmea("boat", 0.2), GGA, gst, GGA, RMC)

@@ -136,6 +136,12 @@ def test_an_echo_of_our_heartbeats_is_no_clash() -> None:
         assert "system id 250" not in shared.run(1.0)
 
 
+def test_a_vehicle_with_our_id_is_named() -> None:
+    shared = Shared()
+    reason = shared.run(3.0, wire.Vehicle(shared.end, 250))
+    assert reason.startswith("a vehicle speaks with our system id 250")
+
+
 @pytest.mark.parametrize("apart", [0, 1, 5, 15, 17, 60, 128, 200, 250])
 def test_two_vehicles_of_one_id_are_told_by_their_counters(apart: int) -> None:
     """Soon: an agent may be ready to arm after some seconds."""

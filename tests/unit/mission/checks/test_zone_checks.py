@@ -118,6 +118,14 @@ def test_a_move_through_a_gate_that_is_too_narrow_goes_in_file() -> None:
     assert kind_of(step).words(step, loaded.plan).startswith("move in file to ")
 
 
+def test_a_move_without_a_way_is_refused_with_the_gap_that_there_is() -> None:
+    (problem,) = problems(gate(0.5))
+    assert problem.field == "step 3, move"
+    assert "there is no way past zone w" in problem.what
+    assert "the widest gap is 2.2 m too narrow for vehicles in file" in problem.what
+    assert problem.allowed.startswith("a gap of 4.7 m between zones, 3.4 m between a zone and")
+
+
 WALL = """\
 version: 1
 name: gate
