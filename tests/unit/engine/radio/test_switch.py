@@ -67,6 +67,14 @@ def drained(wire: MemoryWire) -> list[bytes]:
     return found
 
 
+def test_another_systems_frame_reaches_no_agent_and_is_counted() -> None:
+    bench = Bench()
+    bench.radio.write(heartbeat(77))
+    bench.turn()
+    assert bench.heard(1) == bench.heard(2) == []
+    assert bench.switch.load(bench.now).foreign == 1
+
+
 def test_an_agent_does_not_speak_for_a_vehicle() -> None:
     bench = Bench()
     bench.agents[0].write(heartbeat(2))

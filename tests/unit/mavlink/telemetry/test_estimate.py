@@ -111,3 +111,10 @@ def test_a_ratio_that_cannot_be_true_is_a_fault_and_costs_no_flag(
     assert telemetry.estimate.report_s == 5.0
     assert telemetry.estimate.flags == message.flags
     assert words in telemetry.estimate.fault(rules, 5.0)
+
+
+def test_a_restart_forgets_the_reports() -> None:
+    telemetry = heard(wire.local_position(boot_ms=60_000), wire.ekf_report(), wire.gps_raw())
+    fold(telemetry, wire.local_position(boot_ms=100), 1.0)
+    assert telemetry.estimate.report_s == -math.inf
+    assert telemetry.estimate.position_accuracy_m is None
