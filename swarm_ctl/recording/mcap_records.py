@@ -171,7 +171,7 @@ def _next_chunk(file: IO[bytes], offset: int) -> int | None:
         found = start + at - _PACKED_AT
         file.seek(found)
         opcode, length = _HEADER.unpack(file.read(_HEADER.size))
-        if opcode == Opcode.CHUNK and length <= min(2 * CHUNK_BYTES, size - found):
+        if opcode == Opcode.CHUNK and length <= min(2 * CHUNK_BYTES, size - file.tell()):
             return found
         start += at + 1
     return None

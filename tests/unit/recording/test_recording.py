@@ -177,19 +177,41 @@ def test_cut_anywhere_it_is_recovered(
     assert sorted(tmp_path.iterdir()) == sorted([path, copy])
 
 
+@pytest.mark.parametrize("lacks", range(1, 13))
+def test_a_chunk_that_lacks_its_last_bytes_is_cut_off(
+    tmp_path: Path, lacks: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And not damaged: its head would fit into a file that is one head longer."""
+    monkeypatch.setattr(mcap_recorder, "_CHUNK_WALL_S", 0.02)
+    made, path = McapRecorder(tmp_path, START_NS, {}, None), tmp_path / recording.RECORDING
+    for half in (flight(1), flight(1)):
+        for payload, heard_s in half:
+            made.take(payload, heard_s)
+        _wait_for_a_chunk(path)
+    made.close()
+    data, whole = path.read_bytes(), [message.data for message in messages(tmp_path)]
+    begin = [found.start() - 37 for found in re.finditer(rb"\x04\x00\x00\x00zstd", data)][1]
+    end = begin + 9 + int.from_bytes(data[begin + 1 : begin + 9], "little")
+    path.write_bytes(data[: end - lacks])
+    damage = RecordingDamage()
+    before = [message.data for message in messages(tmp_path, damage)]
+    assert damage.describe("it") == []
+    assert before
+    assert before == whole[: len(before)]
+
+
 def test_a_flipped_byte_costs_a_chunk_and_no_more(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """At 60 places of a file, and at each byte of the lengths in each chunk's head: all other
     chunks are read, what is lost is said with its numbers, and no byte of the file is written."""
     monkeypatch.setattr(mcap_recorder, "_CHUNK_WALL_S", 0.02)
-    made = McapRecorder(tmp_path, START_NS, {}, None)
+    made, path = McapRecorder(tmp_path, START_NS, {}, None), tmp_path / recording.RECORDING
     for k, (payload, heard_s) in enumerate(flight(6)):
         made.take(payload, heard_s)
         if k % 40 == 0:
-            threading.Event().wait(0.05)
+            _wait_for_a_chunk(path)
     made.close()
-    path = tmp_path / recording.RECORDING
     data, whole = path.read_bytes(), [message.data for message in messages(tmp_path)]
     with path.open("rb") as file:
         chunks = [r for r in records_of_all(file) if isinstance(r, Chunk)]
@@ -233,6 +255,13 @@ def _wait_for(condition: Any) -> None:
         if condition():
             return
         threading.Event().wait(0.005)
+    raise AssertionError("not reached in 5 s")
+
+
+def _wait_for_a_chunk(path: Path) -> None:
+    """Written since now."""
+    size = path.stat().st_size
+    _wait_for(lambda: path.stat().st_size > size)
 
 
 def test_a_state_of_an_earlier_version_is_read() -> None:
