@@ -14,12 +14,24 @@ FOLLOWS = "  - follow: {target: boat, duration_s: 20, MORE}\n  - land\n"
     ("boat", "more", "warning"),
     [
         ("along: [[0, 0], [4, 4]], speed_mps: 2", "", ""),
-        ("along: [[0, 0], [4, 4]], speed_mps: 9", "speed_mps: 3", "boat is played at 9 m/s, and the formation flies at most 3 m/s: it falls behind"),
-        ("along: [[0, 0], [900, 0]], speed_mps: 2", "", "boat leaves the fence after 15 s, at (30, 0) m"),
+        (
+            "along: [[0, 0], [4, 4]], speed_mps: 9",
+            "speed_mps: 3",
+            "boat is played at 9 m/s, and the formation flies at most 3 m/s: it falls behind",
+        ),
+        (
+            "along: [[0, 0], [900, 0]], speed_mps: 2",
+            "",
+            "boat leaves the fence after 15 s, at (30, 0) m",
+        ),
         ("along: [[0, 0], [900, 0]], speed_mps: 2", "until: [2, 0]", ""),
-        ("along: [[0, 0], [9, 0], [9, 90]], speed_mps: 2", "offset: [0, 30], offset_in: course", "a place of the formation leaves the fence after 0 s, with boat at (0, 0) m"),
+        (
+            "along: [[0, 0], [9, 0], [9, 90]], speed_mps: 2",
+            "offset: [0, 30], offset_in: course",
+            "a place of the formation leaves the fence after 0 s, with boat at (0, 0) m",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_played_target_that_cannot_be_followed_is_warned_of(
     boat: str, more: str, warning: str
 ) -> None:

@@ -22,23 +22,41 @@ def hexagon(**vehicle: str) -> str:
 
 OUTSIDE = {
     "speed": (hexagon(limits="{speed_mps: 6}"), r"vehicle.limits.speed_mps: speed_mps.* is 2.57"),
-    "acceleration": (hexagon(response="{acceleration_mps2: 1.9}"), r"vehicle.response.acceleration_mps2: acceleration_mps2 .* is 1.9"),
+    "acceleration": (
+        hexagon(response="{acceleration_mps2: 1.9}"),
+        r"vehicle.response.acceleration_mps2: acceleration_mps2 .* is 1.9",
+    ),
     "dead time": (hexagon(response="{dead_time_s: 0.7}"), r"dead time \[s\] is 0.7"),
     "lag": (hexagon(response="{lag_s: 0.9}"), r"lag \[s\] is 0.9"),
     "doubt": (hexagon(response="{doubt_s: 0.6}"), r"doubt_s \[s\] is 0.6"),
     "r_in": (TEXT.replace("r_in: 0.5", "r_in: 0.8"), r"law.r_in: r_in .* 1.14"),
     "slots": (TEXT.replace("side: 2}", "side: 1.8}"), r"smallest distance of slots / r_out is 1.2"),
     "gain": (TEXT.replace("h: 0.05 ", "h: 0.21 "), r"kappa \* h \[1/s\] is 4.2"),
-    "tick": (TEXT.replace("tick_s: 0.05", "tick_s: 0.06").replace("kappa: 20", "kappa: 10"), r"tick_s \[s\] is 0.06"),
-}  # fmt: skip
+    "tick": (
+        TEXT.replace("tick_s: 0.05", "tick_s: 0.06").replace("kappa: 20", "kappa: 10"),
+        r"tick_s \[s\] is 0.06",
+    ),
+}
 REFUSED = {
-    "speed": (hexagon(limits="{speed_mps: 13}"), "12.1", "at most 12; a speed_mps of 12.96 is enough"),
+    "speed": (
+        hexagon(limits="{speed_mps: 13}"),
+        "12.1",
+        "at most 12; a speed_mps of 12.96 is enough",
+    ),
     "acceleration": (hexagon(response="{acceleration_mps2: 0.9}"), "0.9", "at least 1"),
     "dead time": (hexagon(response="{dead_time_s: 1.3}"), "1.3", "at most 1.2"),
     "lag": (hexagon(response="{lag_s: 1.7}"), "1.7", "at most 1.6"),
-    "r_in": (hexagon(limits="{speed_mps: 2}").replace("r_in: 0.5", "r_in: 1.1"), "2.75", "at most 2"),
-    "tick": (TEXT.replace("tick_s: 0.05", "tick_s: 0.25").replace("kappa: 20", "kappa: 4"), "0.25", "at most 0.2"),
-}  # fmt: skip
+    "r_in": (
+        hexagon(limits="{speed_mps: 2}").replace("r_in: 0.5", "r_in: 1.1"),
+        "2.75",
+        "at most 2",
+    ),
+    "tick": (
+        TEXT.replace("tick_s: 0.05", "tick_s: 0.25").replace("kappa: 20", "kappa: 4"),
+        "0.25",
+        "at most 0.2",
+    ),
+}
 
 
 @pytest.mark.parametrize("path", sorted(MISSIONS.glob("*.yaml")), ids=lambda path: path.stem)

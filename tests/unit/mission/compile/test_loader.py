@@ -250,24 +250,75 @@ def test_unreadable_fleet_files(
 @pytest.mark.parametrize(
     ("edit", "line", "text"),
     [
-        (("[0, 3]", "[0, 1]"), 11, "agents: agents 1 and 2 start 1 units (5 m) apart, inside each other's avoidance"),
-        (("- [0, 4]", "- [0, 5]"), 27, ("step 4, form.shape: row stretches the link 1-2 to 5 units (25 m), beyond law.r =" " 4.5 units (22.5 m); r of 5 units (25 m) is enough")),
-        (("hold: {duration_s: 10}", "move: {by: [160, 0]}"), 26, "step 3, move: goes 160 units (800 m) from the starts, out of a pilot's sight"),
-        (("hold: {duration_s: 10}", "hold: {duration_s: 1000}"), 26, "step 3, hold: takes 1000 s at least, of a flight of 1020 s: most batteries end"),
-        (("hold: {duration_s: 10}", "move: {by: [1, 0], speed_mps: 0.1}"), 26, "step 3, move.speed_mps: 0.1 m/s is less than a GPS position drifts"),
-        (("hold: {duration_s: 10}", "rotate: {angle_deg: 1.57}"), 26, "step 3, rotate.angle_deg: 1.57 degrees; if radians were meant: 90"),
+        (
+            ("[0, 3]", "[0, 1]"),
+            11,
+            "agents: agents 1 and 2 start 1 units (5 m) apart, inside each other's avoidance",
+        ),
+        (
+            ("- [0, 4]", "- [0, 5]"),
+            27,
+            (
+                "step 4, form.shape: row stretches the link 1-2 to 5 units (25 m), beyond law.r ="
+                " 4.5 units (22.5 m); r of 5 units (25 m) is enough"
+            ),
+        ),
+        (
+            ("hold: {duration_s: 10}", "move: {by: [160, 0]}"),
+            26,
+            "step 3, move: goes 160 units (800 m) from the starts, out of a pilot's sight",
+        ),
+        (
+            ("hold: {duration_s: 10}", "hold: {duration_s: 1000}"),
+            26,
+            "step 3, hold: takes 1000 s at least, of a flight of 1020 s: most batteries end",
+        ),
+        (
+            ("hold: {duration_s: 10}", "move: {by: [1, 0], speed_mps: 0.1}"),
+            26,
+            "step 3, move.speed_mps: 0.1 m/s is less than a GPS position drifts",
+        ),
+        (
+            ("hold: {duration_s: 10}", "rotate: {angle_deg: 1.57}"),
+            26,
+            "step 3, rotate.angle_deg: 1.57 degrees; if radians were meant: 90",
+        ),
         (("height_m: 10", "height_m: 1"), 24, "step 1, takeoff.height_m: 1 m: rotors blow back"),
-        (("shape: ring}", "shape: ring, tolerance_m: 6}"), 25, "step 2, form.tolerance_m: 6 m is more than half of what ring's slots are apart"),
-        (("  agent_lost: land", "  max_speed_mps: 4"), 30, "policies.max_speed_mps: 4 m/s is not above vehicle.limits.speed_mps = 5: land"),
-        (("  agent_lost: land", "  battery_reserve_percent: 80"), 30, "policies.battery_reserve_percent: 80 %: land with more than half of the battery"),
+        (
+            ("shape: ring}", "shape: ring, tolerance_m: 6}"),
+            25,
+            "step 2, form.tolerance_m: 6 m is more than half of what ring's slots are apart",
+        ),
+        (
+            ("  agent_lost: land", "  max_speed_mps: 4"),
+            30,
+            "policies.max_speed_mps: 4 m/s is not above vehicle.limits.speed_mps = 5: land",
+        ),
+        (
+            ("  agent_lost: land", "  battery_reserve_percent: 80"),
+            30,
+            "policies.battery_reserve_percent: 80 %: land with more than half of the battery",
+        ),
         (("r_in: 0.5", "r_in: 0.1"), 9, "law.r_in: 0.5 m"),
-        (("  kappa: 20", "  kappa: 20\n  h: 0.05\n  compensation: none"), 12, "law.compensation: none, with kappa"),
+        (
+            ("  kappa: 20", "  kappa: 20\n  h: 0.05\n  compensation: none"),
+            12,
+            "law.compensation: none, with kappa",
+        ),
         (("  kappa: 20", "  kappa: 20\n  h: 0.3"), 11, "law.h: kappa * h [1/s] is 6, outside"),
         (("shape: row", "shape: ring"), 17, "shapes.row: no step forms it"),
-        (("  row:", "  pair: {kind: line, spacing: 3, count: 2}\n  row:"), 17, "shapes.pair: no step forms it, and no order can: it has 2 slots for 3 agents"),
-        (("  agent_lost: land", "  wind_limit_mps: 8"), 30, "policies.wind_limit_mps: acts only on vehicles that estimate the wind"),
+        (
+            ("  row:", "  pair: {kind: line, spacing: 3, count: 2}\n  row:"),
+            17,
+            "shapes.pair: no step forms it, and no order can: it has 2 slots for 3 agents",
+        ),
+        (
+            ("  agent_lost: land", "  wind_limit_mps: 8"),
+            30,
+            "policies.wind_limit_mps: acts only on vehicles that estimate the wind",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_is_allowed_but_doubtful_is_said(edit: tuple[str, str], line: int, text: str) -> None:
     (warning,) = loads(edited(edit), "trio.yaml").warnings
     assert warning.startswith(f"trio.yaml:{line}: {text}")

@@ -102,17 +102,33 @@ def test_a_fleet_is_read_without_a_mission(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("agents:\n  - {id: 1, respons: {}}\n", "fleet.yaml:2: agents#1.respons: unknown field; did you mean response?"),
-        ("agents:\n  - {id: 1}\n  - {id: 1}\n", "fleet.yaml:3: agents#2.id: 1 is taken by agents#1"),
+        (
+            "agents:\n  - {id: 1, respons: {}}\n",
+            "fleet.yaml:2: agents#1.respons: unknown field; did you mean response?",
+        ),
+        (
+            "agents:\n  - {id: 1}\n  - {id: 1}\n",
+            "fleet.yaml:3: agents#2.id: 1 is taken by agents#1",
+        ),
         ("agents: []\n", "fleet.yaml:1: agents"),
         ("agents:\n  - {id: 1, host: -oProxyCommand=x}\n", 'fleet.yaml:2: agents#1.host: "-o'),
         ('agents:\n  - {id: 1, host: "a b"}\n', 'fleet.yaml:2: agents#1.host: "a b"'),
-        ("agents:\n  - {id: 1, host: a}\n  - {id: 2}\n", "fleet.yaml:3: agents#2: agent 2 has no host, and other agents have one"),
-        ("router: tcp/a:1\nagents:\n  - {id: 1, host: a}\n  - {id: 2, host: a, router: tcp/b:2}", "fleet.yaml:4: agents#2.router: a has the router tcp/a:1 already"),
-        ("agents:\n" + "".join(f"  - {{id: {i}, host: a, endpoint: 'udpin:h:1'}}\n" for i in (1, 2)), "udpin:h:1 of a is taken by agents#1"),
+        (
+            "agents:\n  - {id: 1, host: a}\n  - {id: 2}\n",
+            "fleet.yaml:3: agents#2: agent 2 has no host, and other agents have one",
+        ),
+        (
+            "router: tcp/a:1\nagents:\n  - {id: 1, host: a}\n  - {id: 2, host: a, router: tcp/b:2}",
+            "fleet.yaml:4: agents#2.router: a has the router tcp/a:1 already",
+        ),
+        (
+            "agents:\n"
+            + "".join(f"  - {{id: {i}, host: a, endpoint: 'udpin:h:1'}}\n" for i in (1, 2)),
+            "udpin:h:1 of a is taken by agents#1",
+        ),
         ("agents:\n  - {id: 1, endpoint: 'udpout:h:99999'}\n", "port 99999 is out of range"),
     ],
-)  # fmt: skip
+)
 def test_mistakes_have_their_line(tmp_path: Path, text: str, told: str) -> None:
     path = tmp_path / "fleet.yaml"
     path.write_text(text)

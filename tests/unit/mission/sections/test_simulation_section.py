@@ -74,17 +74,52 @@ def test_gusts_that_the_keep_out_does_not_bear_are_warned_of() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "line", "field", "what", "allowed"),
     [
-        ("SIM_GPS_FREEZE", "SIM_GPS_FREZE", 3, "simulation.faults#1.set.SIM_GPS_FREZE", "did you mean", "SIM_LOSS"),
-        ("[3]", "[4]", 3, "simulation.faults#1.agents#1", "agent 4 is not in this mission", "one of 1, 2, 3"),
+        (
+            "SIM_GPS_FREEZE",
+            "SIM_GPS_FREZE",
+            3,
+            "simulation.faults#1.set.SIM_GPS_FREZE",
+            "did you mean",
+            "SIM_LOSS",
+        ),
+        (
+            "[3]",
+            "[4]",
+            3,
+            "simulation.faults#1.agents#1",
+            "agent 4 is not in this mission",
+            "one of 1, 2, 3",
+        ),
         ("[3]", "[]", 3, "simulation.faults#1.agents", "has 0 entries", "1 to 250"),
         ("at_s: 30", "at_s: -1", 3, "simulation.faults#1.at_s", "-1 is out of range", "from 0"),
         ("for_s: 5", "for_s: 0", 3, "simulation.faults#1.for_s", "0 is out of range", "above 0"),
         ("{SIM_GPS_FREEZE: 1}", "{}", 3, "simulation.faults#1.set", "sets nothing", "SIM_*"),
-        ("FREEZE: 1", "FREEZE: 2", 3, "simulation.faults#1.set.SIM_GPS_FREEZE", "2 is not allowed", "one of 0, 1"),
-        ("SPD: 4", "SPD: fast", 1, "simulation.parameters.SIM_WIND_SPD", '"fast" is text', "from 0 to 60"),
-        ("GPS_FREEZE: 1}", "WIND_SPD: 1}", 4, "simulation.faults#2.at_s", "while faults#1 lasts", "36 or later"),
+        (
+            "FREEZE: 1",
+            "FREEZE: 2",
+            3,
+            "simulation.faults#1.set.SIM_GPS_FREEZE",
+            "2 is not allowed",
+            "one of 0, 1",
+        ),
+        (
+            "SPD: 4",
+            "SPD: fast",
+            1,
+            "simulation.parameters.SIM_WIND_SPD",
+            '"fast" is text',
+            "from 0 to 60",
+        ),
+        (
+            "GPS_FREEZE: 1}",
+            "WIND_SPD: 1}",
+            4,
+            "simulation.faults#2.at_s",
+            "while faults#1 lasts",
+            "36 or later",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_is_refused(
     old: str, new: str, line: int, field: str, what: str, allowed: str
 ) -> None:
