@@ -368,5 +368,5 @@ def _stands(velocity_ned_mps: Vector3) -> bool:
 
 
 def _lately(at_s: float, now: float, seconds: float) -> bool:
-    """It was at most so long ago."""
+    """Whether it was at most so long ago; -inf: never."""
     return now - at_s <= seconds

@@ -208,10 +208,11 @@ def _crowded_groups(mission: MissionFile, plan: Plan) -> Findings:
 
 
 def _grounded_groups(mission: MissionFile, plan: Plan) -> Findings:
+    """The steps of such a group are not flown, and the mission is completed all the same."""
     waiting = {agent.id for agent in plan.agents if agent.waits}
     for name, members in mission.groups.items():
         if waiting.issuperset(members):
-            what = "all of it waits on the ground: nobody flies its steps before an order `launch`"
+            what = "each of its agents waits on the ground: an order `launch` has to send them up"
             yield Mistake(("groups", name), what, "")
 
 

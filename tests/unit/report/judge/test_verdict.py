@@ -76,7 +76,7 @@ ROWS: Final = [
         "without a word", each(landed(reason="")), {}, LANDED, "agents 1-6: on command", Cause.ORDER
     ),
     Row("by a lifeline", each(landed(cause=Cause.STARTER)), {}, LANDED, ALL_LANDED, Cause.STARTER),
-    Row("by nobody's word", each(landed(cause=None)), {}, LANDED, ALL_LANDED, Cause.ORDER),
+    Row("without a cause", each(landed(cause=None)), {}, LANDED, ALL_LANDED, Cause.ORDER),
     Row(
         "landed, and one process was killed",
         each(landed()),
