@@ -135,6 +135,22 @@ def test_unknown_incompatibility_flags_are_no_frame(flags: int) -> None:
     assert framer.bad == 1
 
 
+def test_a_clean_stream_counts_nothing_bad() -> None:
+    framer = Framer()
+    for at in range(len(b"".join(GOOD))):
+        framer.feed(b"".join(GOOD)[at : at + 1])
+    assert framer.bad == 0
+
+
+def test_a_good_frame_is_tried_once() -> None:
+    """Whatever is in front of it, a new framer has nothing of its own."""
+    framer = Framer()
+    for count in (1, 2, 3):
+        (frame,) = framer.feed(GOOD[0])
+        assert frame.raw == GOOD[0]
+        assert (framer.tried, framer.bad) == (count, 0)
+
+
 @pytest.mark.parametrize(
     "pattern", [b"\xfd", b"\xfe", b"\xfd\xff\0\0", b"\xfe\xfe\0\0\0", b"\xfd\xff\0\0\0\0\1\0\0\0"]
 )
