@@ -209,10 +209,10 @@ class Station:
             return True
         told: list[AgentState | AgentStatus] = [state for state, _ in self._node.take(keys.STATE)]
         told += [status for status, _ in self._node.take(keys.STATUS)]
-        for each in told:
-            if each.agent in self._agents:
-                clock.hear(each.time_s)
-        if clock.heard:
+        ours = [each for each in told if each.agent in self._agents]
+        if ours:
+            newest = max(ours, key=lambda each: each.time_s)
+            clock.hear(newest.agent, newest.time_s)
             self._model = self._new_model()
         return False
 
@@ -230,7 +230,7 @@ class Station:
                 self._news += [f"agent {payload.agent}: {trouble}"] if trouble else []
             case AgentState(agent=agent) if agent in self._agents:
                 if isinstance(self.clock, MeshClock):
-                    self.clock.hear(payload.time_s)
+                    self.clock.hear(agent, payload.time_s)
         self._views.run(self._model.fold, payload, received_s)
         if self._recorder:
             self._record_rim.run(self._recorder.take, payload, received_s)

@@ -23,7 +23,6 @@ from swarm_ctl.engine.flying_runs import make_folder
 from swarm_ctl.engine.interrupts import Interrupts
 from swarm_ctl.engine.station.ground_station import Station
 from swarm_ctl.engine.station.join import Hint, SwarmElsewhere, open_elsewhere
-from swarm_ctl.engine.station.mesh_clock import MeshClock
 from swarm_ctl.engine.station.recorders import run_mcap
 from swarm_ctl.engine.station.screens import Screen, Show
 from swarm_ctl.engine.station.station_loop import Control, give
@@ -39,11 +38,8 @@ from swarm_ctl.runfolder.files import Damage, read_lines
 from swarm_ctl.runfolder.last_statuses import FINAL
 from swarm_ctl.runfolder.manifest import Manifest, package_versions, write_manifest
 from swarm_ctl.runfolder.truth import TRUTH, TruthHeader
-from swarm_ctl.station.picture.view import AgentView, SwarmView
+from swarm_ctl.station.picture.view import AgentView
 
-_SETTLES_WALL_S: Final = 10.0
-"""From the first agent that is heard, at most: agents that are started together are heard by then,
-and none takes off before all are."""
 _SILENT_S: Final = 60.0
 """Mission time after which a silent agent does not keep the station waiting any more: longer than a
 link that comes back is gone, and than a landing without one takes."""
@@ -99,7 +95,7 @@ def judge_swarm(
 
 class _Flight(Control):
     """What such a station obeys: it ends with the agents, or with the second Ctrl-C. Its record
-    begins when the agents are heard: the mission's clock is that of the one which is ahead."""
+    begins when the first agent is heard: the mission's clock is that one's."""
 
     def __init__(
         self,
@@ -118,7 +114,6 @@ class _Flight(Control):
         self._alive = alive
         self._live = live
         self._asked = False
-        self._heard_wall_s = math.inf
         self._recorder: Accounts | None = None
         self._life = Rim("the sign of life")
         self._begin = Rim("the record of the run", most=1)
@@ -132,8 +127,7 @@ class _Flight(Control):
         if text := station.shows.run(self._hint):
             screen.note(text)
         view = station.seen()
-        heard = self._swarm.clock.heard
-        if self.folder is None and heard and (self._settled(view) or self._interrupts.count):
+        if self.folder is None and self._swarm.clock.heard:
             self._begin.run(self._record, station, screen)
         for trouble in (*self._life.troubles(), *self._begin.troubles()):
             self.unrecorded = trouble.why if trouble.part == self._begin.part else self.unrecorded
@@ -150,22 +144,13 @@ class _Flight(Control):
         told = [a for a in view.agents if a.in_plan and a.status is not None]
         return bool(told) and all(map(_has_ended, told))
 
-    def _settled(self, view: SwarmView | None) -> bool:
-        """All agents are heard, or some for `_SETTLES_WALL_S`: the mesh's clock follows the agent
-        whose own is ahead of all, and what is recorded before that one is heard is of another
-        clock."""
-        if math.isinf(self._heard_wall_s):
-            self._heard_wall_s = wall.wall_s()
-        all_heard = view is not None and all(a.status is not None for a in view.agents if a.in_plan)
-        return all_heard or wall.wall_s() - self._heard_wall_s > _SETTLES_WALL_S
-
     def _record(self, station: Station, screen: Screen) -> None:
         folder = make_folder(self._runs, self._swarm.plan.name)
         manifest = _manifest(self._swarm)
         write_manifest(folder, manifest)
         self._manifest = manifest
         mcap = run_mcap(folder, manifest, station.name, self._live)
-        self._recorder, self.folder = Accounts(folder, mcap, self._swarm.clock), folder
+        self._recorder, self.folder = Accounts(folder, mcap), folder
         station.record(self._recorder)
         screen.note(f"run folder {folder}")
 
@@ -181,7 +166,7 @@ class _Flight(Control):
         now_s = self._swarm.clock.now()
         if self._source is None or self.folder is None or self._manifest is None:
             return
-        # The clock may have gone over to an agent's that was heard later and is ahead of it.
+        # The clock has followed its agent's fastest message since the record began.
         epoch_s = wall.wall_s() - now_s / self._swarm.clock.speedup
         manifest = self._manifest.model_copy(update={"epoch_s": epoch_s})
         try:
@@ -227,18 +212,18 @@ class Accounts(RunRecorder):
     """Records, and keeps each agent's last status, by the station's clock: an agent that ended has
     told it for seconds, and has no file in this station's folder."""
 
-    def __init__(self, folder: Path, mcap: McapRecorder, clock: MeshClock) -> None:
+    def __init__(self, folder: Path, mcap: McapRecorder) -> None:
         super().__init__(folder, mcap)
-        self._folder, self._clock = folder / FINAL, clock
+        self._folder = folder / FINAL
         self._last: dict[int, AgentStatus] = {}
         self._behind_s: dict[int, float] = {}
-        """The station's steady clock less the agent's, by its fastest message."""
+        """The station's clock less the agent's, by its fastest message."""
 
     def take(self, payload: Payload, received_s: float) -> None:
         """Record a message, and note whose clock it tells."""
         super().take(payload, received_s)
         if isinstance(payload, AgentState | AgentStatus):
-            behind_s = self._clock.steady_s - payload.time_s
+            behind_s = received_s - payload.time_s
             known_s = self._behind_s.get(payload.agent, math.inf)
             self._behind_s[payload.agent] = min(known_s, behind_s)
         if isinstance(payload, AgentStatus):
@@ -247,10 +232,9 @@ class Accounts(RunRecorder):
     def write_accounts(self) -> None:
         """Write the last word of each agent that has ended; the others have no account."""
         self._folder.mkdir(exist_ok=True)
-        ahead_s = self._clock.now() - self._clock.steady_s
         for agent, status in self._last.items():
             if status.outcome is not Outcome.RUNNING:
-                later = shifted(status, self._behind_s[agent] + ahead_s)
+                later = shifted(status, self._behind_s[agent])
                 with replacing(self._folder / f"{agent}.json") as file:
                     file.write(_STATUS.dump_json(later, indent=1))
 

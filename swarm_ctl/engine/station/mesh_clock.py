@@ -8,33 +8,34 @@ from swarm_ctl.engine.clock import Clock
 from swarm_ctl.engine.lockstep.member import SteppedClock
 from swarm_ctl.runfolder.manifest import Manifest
 
-_LATE_AT_MOST_S: Final = 1.0
-"""A message that is later than this does not move the clock."""
+_OFF_AT_MOST_S: Final = 1.0
+"""A message that is further from the clock than this does not move it."""
 _LEAK: Final = 0.001
 """The part of its lateness by which a message slows the clock: without it, a station's clock that
 is a little faster than the agents' would run away from them."""
 
 
 class MeshClock:
-    """The swarm's mission clock [s], as if the fastest message of the last minutes had taken no
-    time. `lockstep`: mission time has no pace, so it is that of the newest message."""
+    """The mission clock [s] of the agent that was heard first, as if the fastest message of its
+    last minutes had taken no time. It never leaps: what is recorded stands on one clock, however
+    far apart those of the agents are. `lockstep`: mission time has no pace, so it is that of the
+    newest message."""
 
     def __init__(self, speedup: float = 1.0, *, lockstep: bool = False) -> None:
         self._own = SteppedClock(speedup) if lockstep else Clock.starting_now(speedup)
         self.stepped = lockstep
         self.speedup = speedup
         self._ahead_s = 0.0
-        self.heard = False
+        self._agent: int | None = None
+
+    @property
+    def heard(self) -> bool:
+        """Whether any agent has set it."""
+        return self._agent is not None
 
     def now(self) -> float:
         """Mission time [s]; before the first message, the time since the start."""
         return self._own.now() + self._ahead_s
-
-    @property
-    def steady_s(self) -> float:
-        """Since this clock's start [s], whatever agents tell: mission time leaps where one is heard
-        whose clock is ahead of all."""
-        return self._own.now()
 
     @classmethod
     def of_run(cls, manifest: Manifest) -> Clock | MeshClock:
@@ -43,11 +44,13 @@ class MeshClock:
             return cls(manifest.speedup, lockstep=True)
         return Clock(manifest.epoch_s, manifest.speedup)
 
-    def hear(self, time_s: float) -> None:
+    def hear(self, agent: int, time_s: float) -> None:
         """Take the time of a message that an agent sent a moment ago."""
         ahead = time_s - self.now()
-        if not self.heard or ahead > 0:
+        if self._agent is None:
+            self._agent = agent
             self._ahead_s += ahead
-        elif ahead > -_LATE_AT_MOST_S and not self.stepped:
-            self._ahead_s += _LEAK * ahead
-        self.heard = True
+        elif self.stepped:
+            self._ahead_s += max(ahead, 0.0)
+        elif agent == self._agent and abs(ahead) < _OFF_AT_MOST_S:
+            self._ahead_s += ahead if ahead > 0.0 else _LEAK * ahead

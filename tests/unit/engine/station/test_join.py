@@ -49,7 +49,7 @@ def test_without_a_run_folder_it_says_that_its_log_begins_now() -> None:
     mesh: Any = SimpleNamespace(clock=clock, connect=["tcp/10.0.0.11:7447"], identity=None)
     hint = Hint(mesh)
     assert hint() == ""
-    clock.hear(40.0)
+    clock.hear(1, 40.0)
     assert "log from now on" in hint()
     assert hint() == ""
 

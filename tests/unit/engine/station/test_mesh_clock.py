@@ -32,7 +32,7 @@ def clock(time: Time) -> MeshClock:
 @pytest.mark.parametrize("first", [500.0, 0.5])
 def test_the_first_word_sets_it(clock: MeshClock, first: float) -> None:
     """Forwards or backwards."""
-    clock.hear(first)
+    clock.hear(1, first)
     assert clock.heard
     assert clock.now() == first
 
@@ -42,7 +42,7 @@ def test_the_fastest_message_counts(clock: MeshClock, time: Time) -> None:
     ones."""
     for k in range(200):
         time.s += 0.05
-        clock.hear(1000.0 + time.s - (0.005 if k % 10 == 0 else 0.2))
+        clock.hear(1, 1000.0 + time.s - (0.005 if k % 10 == 0 else 0.2))
     assert abs(clock.now() - (1000.0 + time.s)) < 0.02
 
 
@@ -50,14 +50,35 @@ def test_it_follows_agents_whose_clock_is_a_little_slower(clock: MeshClock, time
     """Fifty millionths, for an hour: it does not run away from them by the whole 180 ms."""
     for _ in range(36000):
         time.s += 0.1
-        clock.hear(100.0 + time.s * (1 - 50e-6) - 0.005)
+        clock.hear(1, 100.0 + time.s * (1 - 50e-6) - 0.005)
     assert abs(clock.now() - (100.0 + time.s * (1 - 50e-6))) < 0.03
 
 
-def test_an_agent_with_a_clock_of_its_own_does_not_move_it(clock: MeshClock, time: Time) -> None:
-    """It was started ten seconds later and counts from then: the first one's time stays."""
+@pytest.mark.parametrize("ahead_s", [-10.0, 10.0, 0.5])
+def test_an_agent_with_a_clock_of_its_own_does_not_move_it(
+    clock: MeshClock, time: Time, ahead_s: float
+) -> None:
+    """It was started ten seconds later or before and counts from then: the first one's time stays,
+    at each moment."""
     for _ in range(2000):
         time.s += 0.05
-        clock.hear(100.0 + time.s)
-        clock.hear(90.0 + time.s)
+        clock.hear(1, 100.0 + time.s)
+        clock.hear(2, 100.0 + ahead_s + time.s)
+        assert clock.now() == pytest.approx(100.0 + time.s)
+
+
+def test_one_that_starts_again_does_not_move_it(clock: MeshClock, time: Time) -> None:
+    """It counts from its new start; the clock goes on as before."""
+    clock.hear(1, 100.0 + time.s)
+    for _ in range(100):
+        time.s += 0.05
+        clock.hear(1, time.s)
     assert clock.now() == pytest.approx(100.0 + time.s)
+
+
+def test_in_lockstep_it_is_the_newest_message_of_all() -> None:
+    """Mission time has no pace there."""
+    clock = MeshClock(lockstep=True)
+    for agent, time_s in ((1, 3.0), (2, 9.0), (1, 7.0)):
+        clock.hear(agent, time_s)
+    assert clock.now() == 9.0
