@@ -32,6 +32,8 @@ _LOST: Final = 0.2
 """States that are late or lost by up to this are inside the envelope."""
 _NOISE_M: Final = 0.5
 """An estimate that is off by this much is weather, not a fault."""
+_VELOCITY_MPS: Final = 0.25
+"""That of a PX4 as delivered."""
 _WIND_MPS: Final = 6.0
 _LEARNS_S: Final = 10.0
 _MISLED_S: Final = 2.0
@@ -350,13 +352,13 @@ def _in_true_time(said: list[AgentStatus], ahead_s: float, drift: float) -> list
 
 
 def _grave(name: str, value: float) -> bool:
-    """A parameter with which a vehicle is no longer where it says, or no longer does as told. A
-    velocity that is off is that: a simulated ArduCopter's own landing follows it, by 1.5 m at
-    0.1 m/s and 9 m at 0.5 m/s."""
+    """A parameter with which a vehicle is no longer where it says, or no longer does as told."""
     if name.startswith("SIM_WIND") or name in ("SIM_GPS_ACC", "SIM_GPS_SATS", "SIM_BATT_DRAIN"):
         return False
     if name in ("SIM_GPS_NOISE", "SIM_GPS_DRIFT"):
         return value > _NOISE_M
+    if name == "SIM_VEL_NOISE":
+        return value > _VELOCITY_MPS
     if name == "SIM_DELAY":
         return value > 0.05
     if name == "SIM_LOSS":

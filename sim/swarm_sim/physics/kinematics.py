@@ -32,6 +32,11 @@ class VelocityResponse(Protocol):
     def memory_rows(self) -> int:
         """Rows of `memory`."""
 
+    @property
+    def path_row(self) -> int | None:
+        """The row of `memory` with the way to where the velocities lead, by the estimated place:
+        it bounds how far a wrong velocity carries; None: the velocity alone is followed."""
+
     def acceleration(
         self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float
     ) -> Array:
@@ -125,9 +130,14 @@ def advance(state: MotionState, demands: Demands, response: VelocityResponse, dt
     standing = np.count_nonzero(state.landed)
     if standing == state.landed.size:
         return
+    velocity, wind = state.velocity, state.wind
     if np.count_nonzero(state.drift):
-        target = target + state.drift
-    acceleration = response.acceleration(state.memory, state.velocity, target, state.wind, dt)
+        if response.path_row is None:
+            target = target + state.drift
+        else:  # in all that the controller knows, air too, but the place
+            velocity, wind = velocity - state.drift, wind - state.drift
+            state.memory[..., response.path_row, :] -= state.drift * dt
+    acceleration = response.acceleration(state.memory, velocity, target, wind, dt)
     _fall(state, demands, acceleration)
     if standing:
         _stand(state, acceleration)

@@ -32,6 +32,7 @@ class IdealResponse:
     """The paper's single integrator: the velocity is the target's, at once."""
 
     memory_rows: int = 0
+    path_row: None = None
 
     def acceleration(
         self, memory: Array, velocity: Array, target: Array, wind: Array, dt: float
@@ -51,6 +52,7 @@ class LagResponse:
     """The dead time, in steps."""
     climb_lag_s: float = 0.2
     climb_mps2: float = 3.0
+    path_row: None = None
 
     @property
     def memory_rows(self) -> int:
@@ -89,6 +91,7 @@ class ArdupilotResponse:
     """
 
     memory_rows: int = 6
+    path_row: int = 0
     acceleration_mps2: float = 2.5
     jerk_mps3: float = 5.0
     climb_mps2: float = 0.91
@@ -178,6 +181,7 @@ class Px4Response:
     """
 
     memory_rows: int = 6
+    path_row: None = None
     speed_mps: float = 12.0
     climb_mps: float = 3.0
     descent_mps: float = 1.5

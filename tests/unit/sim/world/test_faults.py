@@ -156,6 +156,21 @@ def test_a_velocity_estimate_errs_in_flight_and_the_vehicle_follows_it() -> None
 
 
 @PERSONAS
+@pytest.mark.parametrize("seed", range(3))
+def test_a_wrong_velocity_does_not_carry_a_landing_away(persona: str, seed: int) -> None:
+    """Both firmwares land by their place; followed alone, this error led over 2 m away."""
+    flight = hovering(persona, seed=seed)
+    put(flight, SIM_VEL_NOISE=0.25)
+    flight.run(3.0)
+    above = flight.ned()
+    mode = (1, 9) if persona == "ardupilot" else (1, 4, 6)
+    assert flight.command(0, SET_MODE, *mode) == 0
+    flight.run(60.0)
+    assert flight.world.parked()
+    assert math.dist(above[:2], flight.ned()[:2]) < 1.0
+
+
+@PERSONAS
 def test_without_gps_it_comes_down(persona: str) -> None:
     flight = hovering(persona)
     put(flight, SIM_GPS_OFF=1.0)
