@@ -800,6 +800,9 @@ def _causes(seen: Seen) -> Iterator[str]:
         Cause.STATION: mesh
         or bool(seen.of("station", "part", "clock", "stop"))
         or bool(seen.flown.scenario.clocks),
+        Cause.LINK: mesh
+        or bool(named)
+        or bool(seen.of("part", "clock", "stop", "says", "restart")),
         Cause.PROCESS: bool(seen.of("kill", "station", "restart")),
         Cause.MACHINE: False,
         Cause.FINDING: bool(seen.flown.summary.findings),

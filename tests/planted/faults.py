@@ -238,8 +238,8 @@ FAULTS: Final = (
         "link-age",
         "says that it hears a silent agent",
         "swarm_ctl/core/swarm/peers.py",
-        "age_s=None if math.isinf(age) else age,",
-        "age_s=None if math.isinf(age) else 0.0,",
+        "age_s=None if math.isinf(age) or self.expelled else age,",
+        "age_s=None if math.isinf(age) or self.expelled else 0.0,",
         r"kill|stop",
     ),
     Fault(

@@ -257,7 +257,7 @@ class LinkReport:
     """One mesh link as its receiver sees it, over the whole run so far."""
 
     age_s: float | None
-    """Now; None: never heard."""
+    """Now; None: never heard, or expelled."""
     age_p50_s: float | None
     age_p99_s: float | None
     received: int

@@ -517,7 +517,7 @@ class Peer:
         """The mesh link from this peer over the whole run."""
         age, (low, high) = self.age(now), self.clock.bounds(now)
         return LinkReport(
-            age_s=None if math.isinf(age) else age,
+            age_s=None if math.isinf(age) or self.expelled else age,
             age_p50_s=self.ages.percentile(0.5),
             age_p99_s=self.ages.percentile(0.99),
             received=self.received,

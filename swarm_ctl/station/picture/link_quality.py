@@ -34,7 +34,7 @@ class Judgement:
 def judge(link: LinkView, series: LinkSeries) -> Judgement:
     """A mesh link by the age of its newest state and its loss over the last ten seconds."""
     if link.report.age_s is None:
-        return Judgement(Level.WAITING, "never heard")
+        return Judgement(Level.WAITING, "not heard")
     return _judged(link.report.age_s, series.recent_loss)
 
 

@@ -144,7 +144,7 @@ def test_a_bad_link_is_named_in_words() -> None:
     lossy = LinkSeries((), ((20.0, 100, 0), (30.0, 190, 10)))
     awful = LinkSeries((), ((20.0, 100, 0), (30.0, 150, 50)))
     assert _link(0.05) == (Level.WELL, "")
-    assert _link(None) == (Level.WAITING, "never heard")
+    assert _link(None) == (Level.WAITING, "not heard")
     assert _link(0.7) == (Level.WARNING, "last state 0.7 s old")
     assert _link(0.7, awful) == (Level.ERROR, "last state 0.7 s old, 50% lost in 10 s")
     assert _link(1.5) == (Level.ERROR, "last state 1.5 s old")

@@ -29,6 +29,18 @@ def test_the_age_of_a_state_is_not_counted_once_its_agent_has_ended() -> None:
     assert [links[i].age_p99_s for i in (2, 3)] == [0.01, 0.01]
 
 
+def test_the_link_from_one_that_is_expelled_has_no_age_until_it_is_listened_to_again() -> None:
+    """Nobody wonders that it is not heard: no alarm, and no mesh that fell apart."""
+    peers = Peers(LARGE, 1)
+    peers.follow({2}, 9.0)
+    ages_s = []
+    for k, expelled in enumerate((False, True, True, False)):
+        peers.expel({2} if expelled else (), 10.0 + k)
+        tell(peers, 2, 10.0 + k, k + 1)
+        ages_s.append(peers.links(10.5 + k)[2].age_s)
+    assert ages_s == [pytest.approx(0.5), None, None, pytest.approx(0.5)]
+
+
 LARGE = mission(SMALL_SWARM + 1)
 
 
