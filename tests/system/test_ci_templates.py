@@ -34,21 +34,26 @@ def _run(script: str, where: Path, **env: str) -> subprocess.CompletedProcess[st
 def test_the_action_flies_and_keeps_summary_and_junit(tmp_path: Path) -> None:
     summary = tmp_path / "step-summary.md"
     mission = str(ROOT / "tests" / "system" / "low.yaml")
-    arguments = {"MISSION": mission, "ARGUMENTS": "--seed 7 --no-report", "FOLDER": "flown here"}
-    ended = _run(FLY["run"], tmp_path, GITHUB_STEP_SUMMARY=str(summary), **arguments)
-    assert ended.returncode == 0, ended.stderr
-    cases = ElementTree.parse(tmp_path / "flown here" / "junit.xml").findall(".//testcase")  # noqa: S314 - ours
+    arguments = {"MISSION": mission, "ARGUMENTS": "--seed 7 --no-report", "FOLDER": "my own/run"}
+    output = tmp_path / "output"
+    paths = {"GITHUB_STEP_SUMMARY": str(summary), "GITHUB_OUTPUT": str(output)}
+    ended = _run(FLY["run"], tmp_path, **paths, **arguments)
+    assert ended.returncode == 0, ended.stdout
+    cases = ElementTree.parse(tmp_path / "my own/run" / "junit.xml").findall(".//testcase")  # noqa: S314 - ours
     assert cases
     assert "COMPLETED" in summary.read_text()
-    assert list((tmp_path / "flown here" / "runs").glob("*/summary.json"))
+    assert output.read_text() == "artifact=my own-run\n"
+    assert list((tmp_path / "my own/run" / "runs").glob("*/summary.json"))
 
 
 def test_a_mission_with_a_mistake_fails_the_action(tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text("version: 1\n")
     arguments = {"MISSION": "mine.yaml", "ARGUMENTS": "", "FOLDER": "flown"}
-    ended = _run(FLY["run"], tmp_path, GITHUB_STEP_SUMMARY=str(tmp_path / "s"), **arguments)
+    summary = tmp_path / "summary"
+    paths = {"GITHUB_STEP_SUMMARY": str(summary), "GITHUB_OUTPUT": str(tmp_path / "output")}
+    ended = _run(FLY["run"], tmp_path, **paths, **arguments)
     assert ended.returncode == 2
-    assert "mine.yaml" in ended.stderr
+    assert "mine.yaml:1: name: is missing" in summary.read_text()
 
 
 def test_the_gitlab_job_gives_the_same_command() -> None:
