@@ -188,10 +188,11 @@ def _give_way() -> None:
         os.nice(_GIVE_WAY)
 
 
-# Half of Hypothesis' own number, where a test names none: the suite has a time to keep.
+# Half of Hypothesis' own number, where a test names none: the suite has a time to keep. Drawn
+# alike for each of mutmut's mutants, whose figure is the same again.
 settings.register_profile("here", deadline=None, max_examples=50)
 settings.register_profile("ci", deadline=None, derandomize=True, max_examples=50)
-settings.load_profile("ci" if os.environ.get("CI") else "here")
+settings.load_profile("ci" if {"CI", "MUTANT_UNDER_TEST"} & os.environ.keys() else "here")
 
 # Flights that are kept for other tests are many objects: each collection looks at all of them.
 gc.set_threshold(20_000, 20, 20)

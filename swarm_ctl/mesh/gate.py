@@ -147,7 +147,7 @@ class Gate:
         of the plan has too many, as many again of those that are `likely`."""
         taken: list[tuple[float, MeshSource, bytes]] = []
         dropped: list[MeshSource] = []
-        looked = 0 if likely else _LOOKED
+        looked = 0
         size, known = self._channel.bounds.size, self._known
         if self._channel is BEACON:
             for received_s, key, _ in messages:
@@ -157,7 +157,7 @@ class Gate:
             if not source.admit(received_s):
                 looks = looked < _LOOKED and key in known
                 looked += looks
-                if not (looks and self._likely(source, data, received_s, likely)):
+                if not (likely and looks and self._likely(source, data, received_s, likely)):
                     dropped.append(source)
                     continue
             if source is self._crowd and len(key) <= _LONGEST_KEY:
@@ -171,14 +171,10 @@ class Gate:
         taken.reverse()
         return taken
 
-    def _likely(
-        self, source: MeshSource, data: Carried, received_s: float, likely: Likely | None
-    ) -> bool:
+    def _likely(self, source: MeshSource, data: Carried, received_s: float, likely: Likely) -> bool:
         """Of a source that has too many, this one is read all the same."""
         word = glimpse(self._channel.payload, bytes(data))
-        if likely is None or word is None or word.agent != source.name:
-            return False
-        if not likely(word, received_s):
+        if word is None or word.agent != source.name or not likely(word, received_s):
             return False
         apart = self._apart.get(source)
         if apart is None:

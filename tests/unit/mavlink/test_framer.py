@@ -97,8 +97,10 @@ def test_memory_stays_under_one_frame(chunks: list[bytes]) -> None:
 
 
 def test_plain_text_before_and_between_frames_is_skipped_and_counted_once_a_run() -> None:
+    """One banner of four chunks is one run."""
     framer = Framer()
-    found = framer.feed(BANNER) + framer.feed(GOOD[0] + b"PreArm: text\n" + GOOD[1])
+    found = [frame for k in range(0, 80, 20) for frame in framer.feed(BANNER[k : k + 20])]
+    found += framer.feed(GOOD[0] + b"PreArm: text\n" + GOOD[1])
     assert [frame.raw for frame in found] == GOOD[:2]
     assert framer.bad == 2
 
@@ -121,9 +123,9 @@ def test_mavlink_1_and_signed_frames_are_frames() -> None:
     old = wire.heartbeat().pack(codec, force_mavlink1=True)
     codec.signing.secret_key, codec.signing.sign_outgoing = b"k" * 32, True
     signed = wire.heartbeat().pack(codec)
-    found = Framer().feed(old + signed)
-    assert [frame.raw for frame in found] == [old, signed]
-    assert [frame.system for frame in found] == [3, 3]
+    found = Framer().feed(old + signed + b"text" + old)
+    assert [frame.raw for frame in found] == [old, signed, old]
+    assert [frame.system for frame in found] == [3, 3, 3]
 
 
 @pytest.mark.parametrize("flags", [0x02, 0x80])
@@ -162,6 +164,14 @@ def test_a_chunk_full_of_false_beginnings_costs_no_more_than_a_few(pattern: byte
     assert GOOD[0] in [frame.raw for frame in framer.feed(GOOD[0])]
 
 
+def test_a_frame_is_found_behind_32_false_beginnings_in_a_row() -> None:
+    """Those before a good frame are none of the row; behind one more, the chunk is dropped."""
+    false = b"\xfd\x00\x80\0"
+    for count, found in ((32, GOOD[:2]), (33, GOOD[:1])):
+        stream = false * 20 + GOOD[0] + false * (count - 1) + b"\xfd" + GOOD[1]
+        assert [frame.raw for frame in Framer().feed(stream)] == found
+
+
 def unknown(payload: bytes, *, signed: bool = False, number: int = 54321) -> bytes:
     """A frame of a message that no dialect has; its checksum can't be verified."""
     header = bytes([0xFD, len(payload), int(signed), 0, 9, 1, 1]) + number.to_bytes(3, "little")
@@ -191,16 +201,30 @@ def test_unknown_messages_are_stepped_over_however_the_stream_is_cut(places: lis
 def test_eight_unknown_messages_in_a_row_are_stepped_over_and_thousands_raise_nothing() -> None:
     assert [f.raw for f in Framer().feed(unknown(b"\xfd" * 255) * 8 + GOOD[0])] == GOOD[:1]
     assert Framer().feed(unknown(b"") * 2000) == []
+    assert [f.raw for f in Framer().feed(unknown(GOOD[1]) * 9 + GOOD[0])] == [GOOD[1], GOOD[0]]
 
 
-def test_what_no_frame_follows_hides_no_frame() -> None:
-    """The checksum leaves out the first byte: behind any other one this would be a good frame."""
-    old = wire.heartbeat().pack(common.MAVLink(None), force_mavlink1=True)
-    found = Framer().feed(unknown(GOOD[0]) + b"x" + old[1:])
-    assert [frame.raw for frame in found] == GOOD[:1]
+OLD = wire.heartbeat().pack(common.MAVLink(None), force_mavlink1=True)
+NO_FRAMES = {
+    # The checksum leaves out the first byte: behind any other one this would be a good frame.
+    "text": b"x" + OLD[1:],
+    "a wrong checksum": OLD[:-1] + b"\0",
+    "an unknown one at the end": unknown(b""),
+    "an unknown one before text": unknown(b"") + b"text",
+}
+
+
+@pytest.mark.parametrize("after", NO_FRAMES.values(), ids=NO_FRAMES)
+def test_what_no_good_frame_follows_hides_no_frame(after: bytes) -> None:
+    assert [frame.raw for frame in Framer().feed(unknown(GOOD[0]) + after)] == GOOD[:1]
 
 
 @pytest.mark.parametrize("number", [54321, 0x020000])
 def test_unknown_messages_are_passed_to_who_asks_for_them(number: int) -> None:
-    (frame,) = Framer(unknown=True).feed(unknown(b"", number=number))
-    assert frame.message_id == number
+    """Where a frame or the end of the chunk follows; known ones by their checksums, as ever."""
+    strange = unknown(b"", number=number)
+    found = Framer(unknown=True).feed(
+        strange + OLD + strange + b"text" + OLD[:-1] + b"\0" + strange
+    )
+    assert [frame.raw for frame in found] == [strange, OLD, strange]
+    assert found[0].message_id == number

@@ -4,6 +4,7 @@ rates are bounded by owner, and what is refused is told."""
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -111,7 +112,9 @@ def test_no_bytes_under_any_key_change_what_another_owner_says(
     taken = [getattr(payload, channel.publisher) for payload in mesh.taken(channel)]
     assert taken.count(honest) == 1
     assert {str(speaker) for speaker in taken} <= {str(honest), *(key for key, _ in hostile)}
-    assert all(refusal.words.isprintable() for refusal in mesh.node.refused(mesh.now))
+    for refusal in mesh.node.refused(mesh.now):
+        assert refusal.words.isprintable()
+        assert len(refusal.owner) <= len("station ") + 40
 
 
 class Unread(bytes):
@@ -129,6 +132,10 @@ def test_what_is_too_large_is_not_even_copied(channel: Channel[Any]) -> None:
     told = mesh.refused()[f"{channel.publisher} {owner}", RefusalReason.TOO_LARGE].words
     most = channel.bounds.size
     assert told.endswith(f"'s key has {most + 1} bytes; allowed: at most {most}")
+    mesh.put(channel.key("test", name(channel, 3)), bytes(most))
+    assert mesh.taken(channel) == []
+    reasons = [refusal.reason for refusal in mesh.node.refused(mesh.now)]
+    assert reasons == [RefusalReason.TOO_LARGE, RefusalReason.UNREADABLE]
 
 
 @pytest.mark.parametrize("owner", [7, 3], ids=["a stranger", "an agent of the plan"])
@@ -174,8 +181,9 @@ def test_in_a_flood_under_an_agents_own_key_what_may_follow_is_read() -> None:
 
     mesh_s, honest = 100.0, {encode(replace(of(keys.STATE, k), time_s=5.0)) for k in (3, 7)}
     forged, others = flood(7, 9, time_s=5.0), flood(4, 9, agent=5)
-    assert read(flood(3, 9, time_s=5.0), flood(3, 1020), flood(3, 4), forged, others) == {
-        ("agent 3", False): 4,  # the honest ones were not looked at
+    assert read(flood(3, 9, time_s=5.0), flood(3, 1018), flood(3, 4), forged, others) == {
+        ("agent 3", False): 4,
+        ("agent 3", True): 1,  # the others were not looked at
         ("agent 7", True): 4,
         ("agent 4", False): 4,
     }
@@ -195,6 +203,7 @@ STATIONS = [
     ("rarely", (0.0, 60.0), True),
     ("too rarely", (0.0, 60.1), False),
     ("again after a silence", (0.0, 60.1, 62.1), True),
+    ("two beacons at once", (0.0, 2.0, 2.0), True),
     ("its clock was set back", (10.0, 12.0, 5.0), False),
     ("and it goes on", (10.0, 12.0, 5.0, 7.0), True),
 ]
@@ -208,8 +217,9 @@ def test_which_stations_are_familiar(what: str, beacons: Any, familiar: bool) ->
     stations = Stations()
     for at_s in beacons:
         stations.hear("desk", at_s)
+        stations.hear("x" * 256, at_s)
         stations.hear("x" * 257, at_s)
-    assert stations.familiar("desk") is familiar
+    assert stations.familiar("desk") is stations.familiar("x" * 256) is familiar
     assert not stations.familiar("x" * 257)
     assert not stations.familiar("another")
 
@@ -237,6 +247,59 @@ def test_names_that_come_once_take_no_place_for_long() -> None:
     assert stations.familiar("next")
 
 
+@pytest.mark.parametrize(("at_s", "gone"), [(0.75, False), (1.25, True)])
+def test_a_name_that_came_once_is_remembered_for_a_second(at_s: float, gone: bool) -> None:
+    stations = Stations()
+    for k in range(1024):
+        stations.hear(f"evil-{k}", 0.0)
+    for each in (at_s, at_s + 2.0):
+        stations.hear("desk", each)
+    assert stations.familiar("desk") is gone
+
+
+def reader(
+    channel: Channel[Any], stations: Stations | None = None
+) -> Callable[[float, list[str]], dict[str, int]]:
+    """Of names that each send twice what they may at once, in turn: how many are read."""
+    gate = Gate(channel, [], Refusals(), stations or Stations())
+
+    def read(at_s: float, names: list[str]) -> dict[str, int]:
+        keyed = [(at_s, channel.key("test", name), b"") for name in names]
+        return Counter(
+            source.owner.split()[1] for _, source, _ in gate.admit(keyed * 2 * channel.bounds.burst)
+        )
+
+    return read
+
+
+@pytest.mark.parametrize(
+    ("channel", "per_s"), [(keys.COMMAND, 400.0), (keys.STATE, keys.STATE.bounds.per_s)]
+)
+def test_33_strangers_at_a_time_have_more_than_one_allowance(
+    channel: Channel[Any], per_s: float
+) -> None:
+    """One each, and all others one together, which fills fast on the channel of commands. A name
+    gives its place to a new one after a minute."""
+    read, burst = reader(channel), channel.bounds.burst
+    crowd = [str(k) for k in range(40)]
+    assert sorted(read(0.0, crowd).values()) == [burst // 8] * 8 + [burst] * 32
+    assert sum(read(0.25, ["new", "newer"]).values()) == int(per_s * 0.25)
+    assert read(60.5, ["new", "newer"]) == {"new": burst, "newer": burst}
+
+
+def test_each_familiar_station_has_one_allowance() -> None:
+    """However their commands come in turn, and after a minute of silence as well."""
+    stations, (per_s, burst) = Stations(), keys.COMMAND.bounds[1:]
+    desks = ["red", "blue"]
+    for at_s in (0.0, 2.0):
+        for desk in desks:
+            stations.hear(desk, at_s)
+    read = reader(keys.COMMAND, stations)
+    assert read(2.0, [str(k) for k in range(99)])["98"] == burst
+    for at_s, count in ((2.0, burst), (3.0, per_s), (90.0, burst), (91.0, per_s)):
+        assert read(at_s, desks) == dict.fromkeys(desks, count)
+
+
 def test_an_allowance_fills_with_time() -> None:
     """Up to its burst; where the clock is set back by more than a second, from there."""
     source = MeshSource("agent 3", 3, Bounds(100, 10.0, 2))
@@ -253,13 +316,14 @@ def test_owners_without_number_share_one_allowance() -> None:
     """A stranger that takes a new name for each message gets no more work done than 33 others, and
     fills no table; agents of the plan are heard all the same."""
     mesh, bounds = Mesh(), keys.STATE.bounds
+    mesh.say(keys.STATE, 3, STATE)
     for k in range(4000):
         mesh.say(keys.STATE, 100 + k, of(keys.STATE, 100 + k))
-    mesh.say(keys.STATE, 3, STATE)
     taken = mesh.taken(keys.STATE)
-    assert taken[-1] == STATE
-    assert len(taken) <= 1 + 32 + bounds.burst
-    assert len(mesh.node.refused(mesh.now)) <= 8
+    assert taken[0] == STATE
+    assert len(taken) == 1 + 32 + bounds.burst
+    (refusal,) = mesh.node.refused(mesh.now)
+    assert (refusal.owner, refusal.count) == ("others", 4000 - 32 - bounds.burst)
 
 
 def test_a_station_that_is_familiar_is_heard_among_ever_new_names() -> None:
@@ -362,16 +426,19 @@ def test_a_clock_that_is_set_back_keeps_no_owner_away() -> None:
     assert mesh.taken(keys.STATE) == [STATE]
 
 
-def test_old_refusals_make_room() -> None:
-    """A hundred owners are told of in turn; of a hundred at once, some share a name."""
-    mesh = Mesh()
+def test_refusals_are_counted_by_owner_and_told_newest_first() -> None:
+    """Sixty-four owners are told apart, all others together, until old ones make room."""
+    refusals, reason = Refusals(), RefusalReason.UNREADABLE
     for k in range(100):
-        mesh.say(keys.STATE, 100 + k, STATE)
-    mesh.taken(keys.STATE)
-    mesh.say(keys.STATE, 300, STATE)
-    mesh.taken(keys.STATE)
-    assert {refusal.owner for refusal in mesh.node.refused(mesh.now)} >= {"agent 100"}
-    mesh.now += 2 * RECENT_S
-    mesh.say(keys.STATE, 300, STATE)
-    mesh.taken(keys.STATE)
-    assert [refusal.owner for refusal in mesh.node.refused(mesh.now)] == ["agent 300"]
+        refusals.add(f"agent {k}", reason, "words", k / 100, 2)
+
+    def told(now: float) -> list[tuple[str, int]]:
+        return [(refusal.owner, refusal.count) for refusal in refusals.recent(now)]
+
+    assert told(1.0) == [("others", 72), *((f"agent {k}", 2) for k in range(63, 56, -1))]
+    for k, now, first in ((3, 1.0, ("agent 3", 3)), (99, 10.0, ("others", 73))):
+        refusals.add(f"agent {k}", reason, "words", now)
+        assert told(now)[0] == first
+    refusals.add("agent 99", reason, "words", 10.25)
+    assert told(10.25)[0] == ("agent 99", 1)
+    assert refusals.unread == 203
