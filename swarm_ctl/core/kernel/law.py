@@ -165,10 +165,7 @@ def adapted(
         root = math.sqrt(max(R * R * xx - C, 0.0)) + abs(S)
         alpha_ub = (R - size) * (R + size) / root if S > 0.0 else root / xx
         # R == pull to the last bit leaves no room for any repulsion: the largest finite sigma
-        if alpha_ub != 0.0:
-            sigma_lb = min(g / alpha_ub - xx, _LARGEST)
-        elif g != 0.0:
-            sigma_lb = _LARGEST
+        sigma_lb = min(g / alpha_ub - xx, _LARGEST) if alpha_ub != 0.0 else _LARGEST
     sigma = max(sigma_lb, 0.0) + law.delta_a
     alpha = g / (sigma + xx)
     return Pair(

@@ -7,7 +7,16 @@ from itertools import combinations, pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarm_ctl.core.kernel.exchange import Shape, gain, legal, nothing_said, ranks
+from swarm_ctl.core.kernel.exchange import (
+    EVERY_S,
+    NO_PART,
+    Shape,
+    gain,
+    legal,
+    nothing_said,
+    ranks,
+    took_part,
+)
 
 AGENTS = 5
 GRID = [complex(x, y) for x in range(4) for y in range(3)]
@@ -69,6 +78,37 @@ def test_what_an_exchange_brings() -> None:
     shape = Shape([0j, 3 + 4j], [], [], 9.0)
     assert gain(nothing_said(1), 1 + 2j, shape, 0) == -11.0
     assert gain(nothing_said(0), 1 + 2j, shape, 1) == 11.0
+
+
+ROLES = st.integers(0, AGENTS - 1)
+
+
+@given(
+    st.lists(ROLES, min_size=AGENTS, max_size=AGENTS),
+    st.lists(st.booleans(), min_size=AGENTS, max_size=AGENTS),
+    ROLES,
+    st.integers(0, 12),
+    st.integers(0, 12),
+)
+def test_the_higher_of_two_with_one_role_takes_a_free_one(
+    roles: list[int], fresh: list[bool], me: int, silent: int, busy: int
+) -> None:
+    """After two seconds in which it heard the other one in each round (not in round `silent`) and
+    had nothing else to end (from round `busy` on); then the lowest that nobody is known to have."""
+    told, shape = [nothing_said(role) for role in roles], Shape([], [], ranks(AGENTS), 1.0)
+    said, part = told[me], NO_PART._replace(quiet_s=busy * EVERY_S)
+    nobody = [False] * AGENTS
+    heard = [here and j != me for j, here in enumerate(fresh)]
+    twin = any(heard[j] and roles[j] == roles[me] for j in range(me))
+    first = busy if silent > busy + 8 else max(busy, silent + 1)
+    free = min(set(range(AGENTS)) - set(roles), default=-1)
+    for k in range(24):
+        said, part = took_part(
+            *(k * EVERY_S, me, said, part, shape, [0j] * AGENTS, told),
+            *([0.0] * AGENTS, nobody if k == silent else heard, False),
+        )
+        took = twin and k >= first + 8
+        assert (said.role, said.version) == ((free, 1) if took else (roles[me], 0))
 
 
 def test_ranks_of_locks_are_a_permutation_that_follows_no_ids() -> None:
