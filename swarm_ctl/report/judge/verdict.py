@@ -135,12 +135,13 @@ def _ended(run: RunFolder, ending: Ending) -> Verdict | None:
 
 def _unseen(run: RunFolder, cause: Cause, final: Sequence[AgentStatus]) -> tuple[Cause, str]:
     """What brought the cause about, as far as no agent can see it; else the cause itself."""
-    if run.manifest is None or run.plan is None:
+    made = run.manifest
+    if made is None:
         return cause, ""
-    machine = slow_machine(final, run.plan, run.manifest.speedup) if cause in _BY_SLOWNESS else ""
+    machine = slow_machine(final, made.plan, made.speedup) if cause in _BY_SLOWNESS else ""
     if machine:
         return Cause.MACHINE, machine
-    links = bad_links(final, run.plan) if cause in _BY_LINKS else ""
+    links = bad_links(final, made.plan) if cause in _BY_LINKS else ""
     return (Cause.LINK, links) if links else (cause, "")
 
 

@@ -275,10 +275,11 @@ def test_it_ends_when_the_vehicle_is_down() -> None:
 
 @pytest.mark.parametrize(("seconds", "ends"), [(10.0, False), (10.1, True)])
 def test_a_vehicle_without_motors_for_ten_seconds_is_down(seconds: float, ends: bool) -> None:
-    """Whatever it said last of the ground."""
+    """Whatever it said last of the ground; in one piece."""
     flight = Flight(YIELDS)
     silent = {"armed": False, "controlled": False}
-    assert isinstance(flight.at(0.0, **silent), YieldGoal)
+    for later_s, armed in ((-6.0, False), (-3.0, True), (0.0, False)):
+        assert isinstance(flight.at(later_s, **silent | {"armed": armed}), YieldGoal)
     assert isinstance(flight.at(seconds, **silent), ReleaseGoal) is ends
 
 

@@ -18,7 +18,7 @@ from swarm_ctl.core.model.route import Routes
 from swarm_ctl.report.judge.findings import Finding, FindingKind, headlines, step_at
 from swarm_ctl.report.judge.summarise import summary_of
 from swarm_ctl.report.judge.summary import StepSummary, StepVerdict, Summary
-from swarm_ctl.report.judge.verdict import judge
+from swarm_ctl.report.judge.verdict import Ending, judge
 from swarm_ctl.report.page.junit import junit
 from swarm_ctl.report.page.mission_plot import _draw_steps
 from swarm_ctl.report.page.player import _steps
@@ -130,6 +130,11 @@ def test_an_order_to_all_names_the_groups_that_it_found() -> None:
     assert judge(run_of(told), {}).reason == (
         "group scouts (agents 1-4) and group sweepers (agents 5-10) and group rest (agents 11-12):"
         " landed"
+    )
+    by_hand = Ending("Ctrl-C")
+    assert judge(run_of(told), {}, ending=by_hand).reason == (
+        "Ctrl-C: all landed; group scouts (agents 1-4) and group sweepers (agents 5-10) and group"
+        " rest (agents 11-12): landed"
     )
 
 

@@ -151,6 +151,12 @@ ROWS: Final = [
         " 25% lost. agent 1: why",
         cause=Cause.LINK,
     ),
+    Row(
+        "which make no battery low, either",
+        {1: low(30.0) | {"links": {5: LinkReport(0.1, 0.8, 2.1, 300, 100)}}},
+        reason="agent 1: why, in step 2 (form hexagon)",
+        cause=Cause.BATTERY,
+    ),
     # processes
     Row("one exited", codes={"sim": 3}, reason="sim exited with 3", cause=Cause.PROCESS),
     Row("one failed", codes={"sim": 1}, reason="sim exited with 1", cause=Cause.PROCESS),
