@@ -41,6 +41,7 @@ _SHORT: Final = {
 _ZERO: Final = ("no", "none")
 _TIMES: Final = {"median": 50, "p95": 95}
 """Percentiles of the time to form, of what formed."""
+_SKIPPED: Final = re.compile(r"SKIPPED \[(\d+)\] (.*)")
 _ENDS_S: Final = 20.0
 """Wall time that a command has to end by itself."""
 
@@ -181,9 +182,9 @@ class Evidence:
             return [], self._campaign(row)
         passed = re.search(r"(\d+) passed", text)
         if "pytest" in row.command and code in (0, 5) and not passed:
-            skipped = re.search(r"SKIPPED \[\d+\] (.*)", text)
+            skipped = _SKIPPED.search(text)
             raise _NotFlownError(
-                skipped[1].partition(";")[0] if skipped else "no test of it is here"
+                skipped[2].partition(";")[0] if skipped else "no test of it is here"
             )
         if "tests.golden" in row.command and "of another machine" in text:
             raise _NotFlownError("the hashes are of another machine: processor or numpy differ")
@@ -191,7 +192,7 @@ class Evidence:
             raise _FailedError(f"ended with {code}")
         if row.kind != "study":
             last = (text.strip().splitlines() or [""])[-1]
-            return [*_printed(row, text)], f"passed: {passed[1]}" if passed else last
+            return [*_printed(row, text)], _tests(passed[1], text) if passed else last
         rows = list(read_rows(self._out(row)))
         r_in = study_of(self._out(row)).law.r_in
         return [*(_again(each, rows, r_in) for each in row.figures), *_printed(row, text)], ""
@@ -217,6 +218,12 @@ class _NotFlownError(Exception):
 
 class _FailedError(Exception):
     """It was flown, and did not end well; how."""
+
+
+def _tests(passed: str, text: str) -> str:
+    """What passed, and what was not flown here, with pytest's reasons."""
+    skipped = [f"not flown here: {count}, {why}" for count, why in _SKIPPED.findall(text)]
+    return "; ".join([f"passed: {passed}", *skipped])
 
 
 def _digest(row: ClaimRow) -> str:

@@ -23,6 +23,7 @@ from swarm_ctl.evidence.flown import (
     RowAgain,
 )
 from swarm_ctl.runfolder.files import write_whole
+from swarm_ctl.study.rows import MEANINGS
 
 PAGE: Final = "evidence.html"
 DATA: Final = "evidence.json"
@@ -36,6 +37,18 @@ _HEAD: Final = (
     " missions that were drawn; it says nothing of missions outside of them. A count has to be the"
     " same; what is measured may differ by one in its last digit."
 )
+_READINGS: Final = {
+    "missions": "How many were flown.",
+    "smallest, silent, zone": "The least of the columns smallest_units, smallest_silent_units,"
+    " smallest_zone_units; /r_in: in r_in.",
+    "median, p95": "Of the times at which the formation stood, where it did [s].",
+    **{name: MEANINGS[name] for name in ("collided", "hit", "entered", "converged")},
+    "kept_broken": "1 and more: links of live agents got longer than r while their slots were"
+    " within 0.9 r.",
+    "collided%, collided<": "The missions' share in %, and the upper end of its interval.",
+    "after these": "Columns and their values, of the missions that count; a..b is a range.",
+}
+"""What the figures' lines call what they read."""
 _SHORT: Final = 5
 """So many lines are shown without a click."""
 _STYLE: Final = """
@@ -109,6 +122,7 @@ def _page(evidence: Evidence, claims: Claims, at: str) -> str:
         f"<p>Commit <code>{_text(made['commit'])}</code>.{changed} {_text(at)}, on"
         f" {_text(made['machine'])}, Python {_text(made['python'])}, numpy"
         f" {_text(made['numpy'])}.</p><h2>Claims</h2>"
+        f"<details><summary>what figures are called</summary>{_readings()}</details>"
         + _table(flown, (_claim(row, evidence.done.get(row.name)) for row in claims.rows), "claims")
         + f"<h2>What an assessor asks for</h2><p>{_text(SORA)}</p>"
         + _table(
@@ -157,6 +171,11 @@ def _figure(again: FigureAgain) -> str:
     bound = f"; 95 %: {again.bound}" if again.bound else ""
     said, state = ("", HOLDS) if again.same else (f", where {again.said} is said", MOVED)
     return f'<li class="{state}-figure">{_text(f"{again.read}: {again.found}{said}{bound}")}</li>'
+
+
+def _readings() -> str:
+    lines = (f"<dt>{_text(name)}</dt><dd>{_text(means)}</dd>" for name, means in _READINGS.items())
+    return f"<dl>{''.join(lines)}</dl>".replace("`", "")
 
 
 def _folded(what: str, inside: str, count: int) -> str:

@@ -149,6 +149,7 @@ def test_a_row_is_flown_once_and_one_whose_figure_moved_ends_with_1(
     page = (tmp_path / PAGE).read_text()
     assert "collided: 0; 95 %: under 52.2 %" in page
     assert "OSO#24" in page
+    assert all(f"<dt>{word}</dt>" in page for word in ("missions", "collided", "converged"))
     again = CliRunner().invoke(app, out)  # the journal has it: nothing is flown
     assert (again.exit_code, FAST in again.output) == (0, False)
     journal = (tmp_path / JOURNAL).read_text()
@@ -189,6 +190,19 @@ def test_a_campaign_holds_its_own_invariants_and_tells_of_others(
     assert again.state == state
     assert f"{int(state == FAILED)} of 2 flights broke one" in again.why
     assert f"flight 1 broke: {Invariant[broke]}" in again.why
+
+
+def test_a_row_tells_which_of_its_tests_were_not_flown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run(_words: Any, log: Any) -> int:
+        log.write("SKIPPED [2] tests/a.py:9: px4 is not found\n1 passed, 2 skipped in 3 s\n")
+        return 0
+
+    monkeypatch.setattr(flown, "_run", run)
+    *_, (_, again) = Evidence(tmp_path).fly([row("s", command="python -m pytest tests/a.py")])
+    assert again is not None
+    assert again.why == "passed: 1; not flown here: 2, tests/a.py:9: px4 is not found"
 
 
 def test_what_is_asked_for_is_flown() -> None:
