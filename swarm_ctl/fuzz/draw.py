@@ -241,17 +241,20 @@ def _losses(dice: Dice, one: int, ids: list[int]) -> list[tuple[str, Data]]:
 def _crossed(dice: Dice, mission: Data) -> list[Data]:
     """What befalls agents that change sides, about when they pass each other. Two orders to land
     let some come down where others are in the air, or stand. Where one falls silent, the others
-    mostly go on, past the place where it may be."""
+    mostly go on, past the place where it may be. One that is not where it says comes too near, for
+    the verdict to tell."""
     ids = sorted(agent["id"] for agent in mission["agents"])
     some = " @" + ",".join(map(str, _some(dice, ids)))
     up, apart = (step.expected_s or 0.0 for step in forecast(_plan_of(mission))[:2])
     at_s = round(_PREPARED_S + up + apart + dice.number(1.0, 7.0, 1), 1)
+    off = dice.pick(("SIM_GPS_JUMP_N", "SIM_GPS_JUMP_E"))
     what: tuple[Data, ...] = (
         {"kill": [dice.pick(ids)]},
         {"stop": [dice.pick(ids)], "for_s": dice.number(1, 8, 1)},
         {"order": "land"},
         {"order": f"land{some}"},
         {"order": f"return{some}"},
+        {"vehicle": {"agents": [dice.pick(ids)], "set": {off: dice.signed(2.0, 3.6, 1)}}},
     )
     found: list[Data] = [{"at_s": at_s} | dice.pick(what)]
     if "order" not in found[0] and dice.chance(0.6):

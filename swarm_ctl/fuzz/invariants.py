@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from swarm_ctl.core.agent.agent import STATUS_EVERY_S
-from swarm_ctl.core.agent.landing import WANDERS_M
+from swarm_ctl.core.agent.landing import STANDING_WANDERS_M, WANDERS_M
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import AgentState, CommandKind, Outcome, Phase, StepOutcome
 from swarm_ctl.core.model.plan import Fence, Policy, Zone
@@ -61,10 +61,18 @@ _AGE_S: Final = 1.0
 _COUNTED: Final = 200
 """States are enough to know the share that is lost, within ..."""
 _LOSS: Final = 0.05
+_DUE: Final = 20
+_LEAST_LOST: Final = 0.25
+"""Where so many states are lost in the mean, fewer than this share never are."""
 _STANDS_MPS: Final = 1.0
 """Who begins to land is slower than this, in still air ..."""
 _BRAKES_S: Final = 2.5
 """... or has braked for so long by its words, which come at 2 Hz."""
+_ROOM_S: Final = 8.0
+"""Who has no room to land looks for it at least so long."""
+_SHORT_M: Final = 0.3
+_SHORT_S: Final = 0.3
+"""What it knows of others is a little older."""
 _ALONE_S: Final = 4.5
 """A vehicle follows its last setpoint for a second at most, and then it brakes."""
 _BATTERY_S: Final = 600.0
@@ -130,16 +138,17 @@ def _down(seen: Seen) -> Iterator[str]:
         how = "in the air" if truth.airborne[-1, k] else "armed"
         yield f"the vehicle of agent {agent} was {how} at the end, {truth.time_s[-1]:.1f} s"
     for agent in sorted(set(seen.ids) - seen.elsewhen):
-        last = seen.statuses[agent][-1:]
+        last, k = seen.statuses[agent][-1:], seen.column[agent]
         yield from _ends_up(seen, agent)
         results = last[0].steps[1:] if last else ()
         for planned, step in zip(seen.route(agent).steps, results, strict=False):
             if not planned.goes_down or step.result is not StepOutcome.DONE or step.end_s is None:
                 continue
             at = int(np.searchsorted(truth.time_s, step.end_s))
-            up = at < len(truth.time_s) and truth.airborne[at, seen.column[agent]]
-            if up and step.end_s < min(seen.taken[agent], seen.lies[agent]):
-                yield f"agent {agent} was done with `{step.name}` at {step.end_s:.1f} s, in the air"
+            on = at < len(truth.time_s) and (truth.armed | truth.airborne)[at, k]
+            if on and step.end_s < min(seen.taken[agent], seen.lies[agent]):
+                how = "in the air" if truth.airborne[at, k] else "armed"
+                yield f"agent {agent} was done with `{step.name}` at {step.end_s:.1f} s, {how}"
 
 
 def _ends_up(seen: Seen, agent: int) -> Iterator[str]:
@@ -405,6 +414,7 @@ def _ordered(seen: Seen) -> Iterator[str]:
                 at = float(truth.time_s[run][int(moved.argmax())])
                 yield f"agent {agent} moved by {moved.max():.1f} m on the ground by {at:.1f} s"
         yield from _lands_in_flight(seen, agent)
+        yield from _lands_beside(seen, agent)
         yield from _flies_alone(seen, agent)
         for order in seen.orders(agent, CommandKind.LAND):
             moved_m = _way_down(seen, agent, order.at_s)
@@ -441,6 +451,48 @@ def _lands_in_flight(seen: Seen, agent: int) -> Iterator[str]:
         slowest_mps = float(speed_mps[when & seen.airborne(agent)].min(initial=math.inf))
         if math.isfinite(slowest_mps) and slowest_mps > most_mps:
             yield f"agent {agent} began to land at {status.time_s:.1f} s at {slowest_mps:.1f} m/s"
+
+
+def _lands_beside(seen: Seen, agent: int) -> Iterator[str]:
+    """Who begins to land has the room that both may drift to each other one that flies, by the stop
+    points that both told, or has tried to make it."""
+    expels = any(order.line.startswith("expel") for order in seen.flown.orders)
+    if seen.plan.wake is not None or not seen.good_mesh or seen.of("part") or expels:
+        return
+    if agent in seen.elsewhen or not seen.plan.safety.filter:
+        return
+    gone = "kill", "stop", "restart"
+    until_s = min(seen.taken[agent], seen.lies[agent], seen.first(agent, *gone))
+    flew_s = -math.inf
+    for before, status in itertools.pairwise(seen.statuses[agent]):
+        if before.phase is Phase.FLY and before.action is None:
+            flew_s = before.time_s
+        begins = status.phase is Phase.LAND and before.phase in (Phase.FLY, Phase.HOLD)
+        if not begins or status.action is FailsafeAction.KILL or status.time_s > until_s:
+            continue
+        if status.time_s - flew_s > _ROOM_S or status.time_s - before.time_s > 1.0:
+            continue
+        drift_m = STANDING_WANDERS_M if status.action is None else WANDERS_M
+        least_m = seen.r_in_m + 2.0 * drift_m - _SHORT_M
+        for other in set(seen.ids) - {agent} - seen.elsewhen:
+            others_s = min(seen.taken[other], seen.lies[other], seen.first(other, *gone))
+            at = np.searchsorted(seen.truth.time_s, [before.time_s, status.time_s])
+            if others_s < status.time_s or not seen.airborne(other)[at[0] : at[1] + 1].all():
+                continue
+            own, theirs = (
+                {round(s.time_s, 1): complex(*s.stop_point_m) for s in seen.states[each]}
+                for each in (agent, other)
+            )
+            gaps_m = [
+                abs(own[when] - theirs[when])
+                for when in own.keys() & theirs.keys()
+                if before.time_s - _SHORT_S <= when <= status.time_s
+            ]
+            if gaps_m and max(gaps_m) < least_m:
+                yield (
+                    f"agent {agent} began to land at {status.time_s:.1f} s, {max(gaps_m):.2f} m"
+                    f" beside agent {other}, which flew"
+                )
 
 
 def _flies_alone(seen: Seen, agent: int) -> Iterator[str]:
@@ -614,6 +666,14 @@ def _heard(seen: Seen) -> Iterator[str]:
                         f" {link.age_s:.1f} s ago, which was silent since {each.at_s:g} s"
                     )
                     return
+    for agent, said in seen.statuses.items() if mesh.loss else ():
+        for other, link in (said[-1].links if said else {}).items():
+            due = link.received * mesh.loss / (1.0 - mesh.loss)
+            if due >= _DUE and link.lost < _LEAST_LOST * due:
+                yield (
+                    f"agent {agent} says that {link.lost} of agent {other}'s states were lost, and"
+                    f" about {due:.0f} were"
+                )
     overtakes = mesh.jitter_s >= seen.plan.tick_s  # a state that is overtaken is lost, too
     if mesh.loss and not overtakes and not seen.of("kill", "stop", "restart", "vehicle"):
         for agent, said in seen.statuses.items():

@@ -302,7 +302,7 @@ def _flies_against_a_pilot(seen: Seen) -> Iterator[str]:
 
 
 def _flies_blind(seen: Seen) -> Iterator[str]:
-    """Without a position an agent waits, and says why."""
+    """Without a position an agent waits, says why, and tells none."""
     for from_s, until_s, agents, values, _ in seen.faults if seen.from_start else ():
         for agent in agents if values.get("SIM_GPS_OFF") == 1 else ():
             hands_s = min(until_s, seen.first(agent, "kill", "stop", "clock", "restart"))
@@ -311,3 +311,11 @@ def _flies_blind(seen: Seen) -> Iterator[str]:
             late = [s for s in seen.statuses[agent] if from_s + _BLIND_S < s.time_s < hands_s]
             if any(s.phase is Phase.FLY and s.airborne and not s.reason for s in late):
                 yield f"agent {agent} had no position from {from_s:g} s on, and flew on"
+            told_s = [
+                s.time_s for s in seen.states[agent] if from_s + _BLIND_S < s.time_s < hands_s
+            ]
+            if told_s:
+                yield (
+                    f"agent {agent} had no position from {from_s:g} s on, and told one at"
+                    f" {told_s[0]:.1f} s"
+                )

@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from swarm_ctl.core.kernel.constraints import RATE, margins_of
+from swarm_ctl.core.kernel.constraints import RATE, cap, margins_of
 from swarm_ctl.core.model.messages import CommandKind
 from swarm_ctl.core.model.timeouts import FRESH_S, SILENT_FLIES_S
 from swarm_ctl.fuzz.seen import FLIES, Seen
@@ -51,6 +51,8 @@ def rooms_are_shared(seen: Seen) -> Iterator[str]:
     if seen.of("part", "clock"):
         return
     told = {agent: _told(seen, agent) for agent in seen.ids}
+    for own in seen.ids:
+        yield from _hurries_past_others(seen, own, told)
     for own, other in itertools.permutations(seen.ids, 2):
         yield from _takes_more_than_half(seen, own, told[own], other, told[other])
         yield from _flies_where_a_silent_one_may_be(seen, own, told[own], other, told[other])
@@ -82,26 +84,66 @@ def _expels(order: GivenOrder, agent: int) -> bool:
     return command is not None and command.kind == CommandKind.EXPEL and agent in command.about
 
 
+class _Known(NamedTuple):
+    """Of another agent, for each state of the own one."""
+
+    apart: npt.NDArray[np.complex128]
+    """The own stop point less its."""
+    counts: npt.NDArray[np.bool_]
+    """It is known to give way."""
+
+
+def _known(seen: Seen, mine: _Told, theirs: _Told) -> Iterator[_Known]:
+    """By each state of the other one that may have been the newest which was heard."""
+    if len(theirs.time_s) < 2:
+        return
+    plan, mesh = seen.plan, seen.flown.scenario.mesh
+    late_s = mesh.delay_s + mesh.jitter_s + (_LOST_S if mesh.loss else 0.0)
+    for late in range(1, 2 + math.ceil(late_s / plan.tick_s)):
+        at = np.searchsorted(theirs.time_s, mine.time_s - (late - 0.5) * plan.tick_s) - 1
+        at = np.maximum(at, 0)
+        age_s = mine.time_s - theirs.time_s[at]
+        counts = theirs.gives_way[at] & (age_s > 0.0) & (age_s < FRESH_S)
+        yield _Known(mine.stop_point_m - theirs.stop_point_m[at], counts)
+
+
+def _hurries_past_others(seen: Seen, own: int, told: dict[int, _Told]) -> Iterator[str]:
+    """Near another one that gives way, an agent is no faster than `cap` allows for a response that
+    is known for sure, or than a keep-out asks for."""
+    plan, mine = seen.plan, told[own]
+    response = seen.flown.mission.fleet.agent(own).response or plan.response
+    margins = margins_of(plan.law, response, plan.limits.speed_mps, plan.unit_m)
+    most_mps = np.full(len(mine.time_s), margins.speed)
+    asked_mps = np.zeros(len(mine.time_s))
+    for other in set(seen.ids) - {own}:
+        slowest_mps = np.full(len(mine.time_s), -np.inf)
+        for known in _known(seen, mine, told[other]):
+            room = np.abs(known.apart) - margins.keep_out
+            allowed = np.array([cap(each, 0.0, margins) for each in room.tolist()])
+            slowest_mps = np.maximum(slowest_mps, np.where(known.counts, allowed, np.inf))
+            asked_mps = np.maximum(asked_mps, np.where(known.counts, -RATE * room, 0.0))
+        if np.isfinite(slowest_mps).any():
+            most_mps = np.minimum(most_mps, slowest_mps)
+    asked_mps = np.minimum(asked_mps, margins.speed)
+    over_mps = np.abs(mine.setpoint_mps) - np.maximum(most_mps, asked_mps)
+    at_s = _first(mine, over_mps, ~_gave_way(seen, own, mine))
+    if at_s is not None:
+        yield f"agent {own} was too fast for the room to others at {at_s:.1f} s"
+
+
 def _takes_more_than_half(
     seen: Seen, own: int, mine: _Told, other: int, theirs: _Told
 ) -> Iterator[str]:
     """By the place of the other one that it may have known and that leaves it the most."""
-    if len(theirs.time_s) < 2:
-        return
-    plan, mesh = seen.plan, seen.flown.scenario.mesh
+    plan = seen.plan
     margins = margins_of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m)
-    late_s = mesh.delay_s + mesh.jitter_s + (_LOST_S if mesh.loss else 0.0)
     over_mps = np.full(len(mine.time_s), np.inf)
-    for late in range(1, 2 + math.ceil(late_s / plan.tick_s)):
-        at = np.searchsorted(theirs.time_s, mine.time_s - (late - 0.5) * plan.tick_s) - 1
-        at = np.maximum(at, 0)
-        apart = mine.stop_point_m - theirs.stop_point_m[at]
-        age_s = mine.time_s - theirs.time_s[at]
-        known = theirs.gives_way[at] & (age_s > 0.0) & (age_s < FRESH_S)
+    for apart, counts in _known(seen, mine, theirs):
         allowed = 0.5 * RATE * (np.abs(apart) - margins.keep_out)
         closing = -(apart * mine.setpoint_mps.conj()).real / np.maximum(np.abs(apart), 1e-9)
         most = np.maximum(allowed, -0.5 * margins.speed)
-        over_mps = np.minimum(over_mps, np.where(known, closing - most, -np.inf))
+        over_mps = np.minimum(over_mps, np.where(counts, closing - most, -np.inf))
+    over_mps[np.isposinf(over_mps)] = -np.inf  # it told nothing
     at_s = _first(mine, over_mps, ~_gave_way(seen, own, mine))
     if at_s is not None:
         yield f"agent {own} took more than half of the room to agent {other} at {at_s:.1f} s"

@@ -114,7 +114,9 @@ class CommandHandler:
         self.launched = False
         """It waits on the ground no more."""
         self.expelled: set[int] = set()
-        """The agents that the operator has expelled; the own id: the others do not listen."""
+        """The agents that the operator has expelled; the own id: the others do not listen. A
+        process that is started again has to be told: law and zones it takes up from half of those
+        that it hears, so one of two peers could expel the other with a lie."""
         self._expelled_by: int | None = None
         """The tag of the command that expelled this agent before it flew, for its hold."""
         self.gain_update = gain_update.GainUpdate(plan, agent_id, plan_hash)

@@ -76,6 +76,19 @@ def test_a_landing_that_is_done_in_the_air(good: FlownScenario) -> None:
     late = good.truth.airborne.copy()
     late[good.truth.time_s < ended_s + 0.2] |= late[150]
     assert Invariant.DOWN in kinds(with_truth(good, airborne=late))
+    armed = good.truth.armed.copy()
+    armed[good.truth.time_s < ended_s + 0.2] = True
+    assert Invariant.DOWN in kinds(with_truth(good, armed=armed))
+
+
+def test_states_that_were_lost_and_are_not_counted() -> None:
+    lossy = flown(more="lands_after_s: 15\nmesh: {loss: 0.2}")
+    assert broken(lossy) == []
+    deaf = [
+        replace(status, links={j: replace(link, lost=2) for j, link in status.links.items()})
+        for status in lossy.statuses
+    ]
+    assert "says that 2 of agent " in broken(replace(lossy, statuses=deaf))[0].text
 
 
 def test_a_verdict_without_a_cause_of_its_kind(good: FlownScenario) -> None:
@@ -136,7 +149,8 @@ def test_a_vehicle_without_a_position_that_flies_on(monkeypatch: pytest.MonkeyPa
     blind = "{at_s: 12, vehicle: {agents: [2], set: {SIM_GPS_OFF: 1}}, for_s: 3}"
     assert broken(flown(blind)) == []
     monkeypatch.setattr(Tick, "fix", property(lambda tick: tick.newest_fix))
-    assert Invariant.ACTS in kinds(flown(blind))
+    found = broken(flown(blind))
+    assert "agent 2 had no position from 12 s on, and told one at " in found[-1].text
 
 
 def test_a_landing_that_begins_in_full_flight(monkeypatch: pytest.MonkeyPatch) -> None:

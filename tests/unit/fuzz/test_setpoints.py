@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from swarm_ctl.core.agent.landing import Landing
 from swarm_ctl.core.kernel import constraints, decide
 from swarm_ctl.core.kernel.constraints import Margins, Other, keep_out
 from swarm_ctl.fuzz.invariants import broken
@@ -52,6 +53,20 @@ def test_each_takes_half_of_the_room(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(decide, "keep_out", all_of_it)
     assert " took more than half of the room to agent " in swapped()
+
+
+def test_each_is_slow_near_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    holds = {"at_s": 15.0, "order": "hold @1"}
+    assert swapped(holds) == ""
+    monkeypatch.setattr(decide, "cap", lambda room, unsure_s, margins: margins.speed)
+    assert "agent 2 was too fast for the room to others at 18.2 s" in swapped(holds)
+
+
+def test_each_makes_room_before_it_lands(monkeypatch: pytest.MonkeyPatch) -> None:
+    lands = {"at_s": 16.0, "order": "land"}
+    assert swapped(lands) == ""
+    monkeypatch.setattr(Landing, "_crowded", lambda landing, tick: False)
+    assert "agent 1 began to land at 16.3 s, 2.70 m beside agent 2, which flew" in swapped(lands)
 
 
 def test_a_silent_one_may_have_flown_on(monkeypatch: pytest.MonkeyPatch) -> None:
