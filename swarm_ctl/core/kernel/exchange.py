@@ -418,7 +418,7 @@ def _bridged(
     other = told[partner].role
     for k in range(len(told)):
         if shape.links[end][k] and shape.links[k][j]:
-            between = _swapped(_role(k, me, role, told), k, me, partner, role, other)
+            between = _swapped(told[k].role, k, me, partner, role, other)
             if _fits(to, between, shape) and _fits(between, then, shape):
                 return True
     return False

@@ -15,7 +15,7 @@ from swarm_ctl.core.kernel.program import PAIR, Row, relaxed
 from swarm_ctl.core.kernel.wish import swirled
 from swarm_ctl.core.model.plan import LawParameters, Response
 
-LAW, SPEED = LawParameters(), 1.0
+LAW = LawParameters()
 MARGINS = margins_of(LAW, Response(), 5.0, 5.0, 5.0)
 
 
@@ -200,7 +200,7 @@ def test_a_silent_one_is_passed_outside_of_its_keep_out() -> None:
         (1.0, -0.01 * MARGINS.r, -0.01 * MARGINS.r),
         (1.0, -0.05 * MARGINS.r, -0.01 * MARGINS.r),
         (1.0, 0.0, -0.02 * MARGINS.r),  # it does nothing of its half
-        (1.19, 9.0, -0.45 * SPEED),  # less than keeping apart may ask for
+        (1.19, 9.0, -0.45 * 0.8),  # less than keeping apart may ask for
     ],
 )
 def test_a_guard_lets_a_link_grow_to_its_range_and_no_farther(
@@ -208,7 +208,8 @@ def test_a_guard_lets_a_link_grow_to_its_range_and_no_farther(
 ) -> None:
     """What the other end does not do of its half, this one does; at 98 % of r it ends."""
     away = complex(0.6, 0.8)
-    normal, bound = constraints.guard(length * MARGINS.r * away, -other_mps * away, MARGINS)
+    margins = MARGINS._replace(speed=0.8)
+    normal, bound = constraints.guard(length * margins.r * away, -other_mps * away, margins)
     assert normal == pytest.approx(-away)
     assert -bound == pytest.approx(outwards)
 
