@@ -229,7 +229,7 @@ def _repaired(
     if now - twins_s < _TWINS_S:
         return said, part
     for role in range(len(told)):
-        held = said.role == role
+        held = False  # the own one is the twin's
         for j in range(len(told)):
             held = held or (j != me and told[j].role == role)
         if not held:
