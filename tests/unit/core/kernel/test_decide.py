@@ -26,6 +26,8 @@ def test_one_that_forbids_nothing_within_the_speed_limit_asks_for_no_row() -> No
     assert [row.about for row in rows[: found.used]] == [3]
     alone = decided(5 + 0j, others[1:], 1, [], 0, [], 0, Own(0.0, 0.6, 0j), MARGINS, [])
     assert alone.velocity == found.velocity
+    free = decided(5 + 0j, others, 1, [], 0, [], 0, Own(0.0, 0.6, 0j), MARGINS, [])
+    assert free == (5 + 0j, 5 + 0j, 0, False, False)
 
 
 def test_one_that_a_moving_formation_meets_asks_for_its_row_from_farther_away() -> None:
