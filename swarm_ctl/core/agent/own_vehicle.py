@@ -99,11 +99,13 @@ class OwnVehicle:
     def watch_height(self, tick: Tick) -> None:
         """Note that the vehicle flies, that it is at its height, and that it has sunk far below."""
         fix, height_m = tick.newest_fix, self.target_height_m
-        if fix is None or not (self.was_armed and tick.view.armed):
+        if fix is None or not self.was_armed:
+            return
+        if fix.velocity_ned_mps[2] > FALLS_MPS:  # of one that was disarmed, too
+            self.fell_s = tick.now
+        if not tick.view.armed:
             return
         missing_m = height_m - self.height(fix)
-        if fix.velocity_ned_mps[2] > FALLS_MPS:
-            self.fell_s = tick.now
         self.flown |= self.height(fix) > _FLOWN_M and not tick.view.on_ground
         # Where a hold has stopped the climb is no height that it had reached.
         there = abs(self.planned_height_m - self.height(fix)) < _FLOWN_M

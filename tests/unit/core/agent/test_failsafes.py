@@ -34,6 +34,7 @@ from tests.unit.core.builders import (
     ORIGIN,
     PARKED,
     RETURNING,
+    Own,
     fix,
     peer,
     plan,
@@ -642,3 +643,12 @@ def test_a_kill_is_carried_out_whatever_came_before(
         landing |= current is not None and current.action is FailsafeAction.LAND
     assert current is not None
     assert current.action is FailsafeAction.KILL
+
+
+@pytest.mark.parametrize(("down_mps", "falls"), [(4.1, True), (3.9, False)])
+def test_the_tick_that_tells_of_disarming_tells_of_the_fall(down_mps: float, falls: bool) -> None:
+    """An ArduCopter that was disarmed in the air says that it is on the ground; its speed in the
+    same tick says that it falls."""
+    own = Own()
+    own.vehicle.watch_height(own.tick(fix=fix(velocity=(0.0, 0.0, down_mps)), **PARKED))
+    assert own.vehicle.fell(NOW) is falls
