@@ -109,13 +109,20 @@ def _known(seen: Seen, mine: _Told, theirs: _Told) -> Iterator[_Known]:
 
 def _hurries_past_others(seen: Seen, own: int, told: dict[int, _Told]) -> Iterator[str]:
     """Near another one that gives way, an agent is no faster than `cap` allows for a response that
-    is known for sure, or than a keep-out asks for."""
+    is known for sure, or than a keep-out asks for. Until one is silent, or lies: what is kept clear
+    for that one asks for more."""
     plan, mine = seen.plan, told[own]
+    others = set(seen.ids) - {own}
+    gone = "kill", "stop", "restart"
+    until_s = min(
+        (min(seen.taken[each], seen.lies[each], seen.first(each, *gone)) for each in others),
+        default=math.inf,
+    )
     response = seen.flown.mission.fleet.agent(own).response or plan.response
     margins = margins_of(plan.law, response, plan.limits.speed_mps, plan.unit_m)
     most_mps = np.full(len(mine.time_s), margins.speed)
     asked_mps = np.zeros(len(mine.time_s))
-    for other in set(seen.ids) - {own}:
+    for other in others:
         slowest_mps = np.full(len(mine.time_s), -np.inf)
         for known in _known(seen, mine, told[other]):
             room = np.abs(known.apart) - margins.keep_out
@@ -126,7 +133,7 @@ def _hurries_past_others(seen: Seen, own: int, told: dict[int, _Told]) -> Iterat
             most_mps = np.minimum(most_mps, slowest_mps)
     asked_mps = np.minimum(asked_mps, margins.speed)
     over_mps = np.abs(mine.setpoint_mps) - np.maximum(most_mps, asked_mps)
-    at_s = _first(mine, over_mps, ~_gave_way(seen, own, mine))
+    at_s = _first(mine, over_mps, (mine.time_s < until_s) & ~_gave_way(seen, own, mine))
     if at_s is not None:
         yield f"agent {own} was too fast for the room to others at {at_s:.1f} s"
 
