@@ -8,8 +8,9 @@ from swarm_ctl.engine.clock import Clock
 from swarm_ctl.engine.lockstep.member import SteppedClock
 from swarm_ctl.runfolder.manifest import Manifest
 
-_OFF_AT_MOST_S: Final = 1.0
-"""A message that is further from the clock than this does not move it."""
+_OFF_AT_MOST_WALL_S: Final = 1.0
+"""A message that is further from the clock than this does not move it: no link is so late, and an
+agent that has started again counts anew."""
 _LEAK: Final = 0.001
 """The part of its lateness by which a message slows the clock: without it, a station's clock that
 is a little faster than the agents' would run away from them."""
@@ -52,5 +53,5 @@ class MeshClock:
             self._ahead_s += ahead
         elif self.stepped:
             self._ahead_s += max(ahead, 0.0)
-        elif agent == self._agent and abs(ahead) < _OFF_AT_MOST_S:
+        elif agent == self._agent and abs(ahead) < _OFF_AT_MOST_WALL_S * self.speedup:
             self._ahead_s += ahead if ahead > 0.0 else _LEAK * ahead

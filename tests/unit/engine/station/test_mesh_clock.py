@@ -67,6 +67,15 @@ def test_an_agent_with_a_clock_of_its_own_does_not_move_it(
         assert clock.now() == pytest.approx(100.0 + time.s)
 
 
+def test_a_first_message_that_was_late_sets_it_back_for_no_longer_than_the_next(time: Time) -> None:
+    """At 25 times real time 100 ms are 2.5 s of the mission."""
+    clock = MeshClock(25.0)
+    clock._own = time  # type: ignore[assignment]
+    for late_s in (2.5, 0.1):
+        clock.hear(1, 100.0 + time.s - late_s)
+    assert clock.now() == pytest.approx(100.0 + time.s - 0.1)
+
+
 def test_one_that_starts_again_does_not_move_it(clock: MeshClock, time: Time) -> None:
     """It counts from its new start; the clock goes on as before."""
     clock.hear(1, 100.0 + time.s)
