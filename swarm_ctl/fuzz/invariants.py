@@ -333,7 +333,8 @@ def _misled(seen: Seen, agent: int) -> _Misled | None:
 
 def _zoned(seen: Seen) -> Iterator[str]:
     """By truth, and although its clearance is for errors of its own estimate. Who is in a zone that
-    is added in flight, or can't stop before it, has time to leave it."""
+    is added in flight, or can't stop before it, has time to leave it; a landing is not broken off.
+    """
     truth = seen.truth
     for agent in set(seen.ids) - seen.elsewhen:
         until_s = min(seen.taken[agent], seen.first(agent, "kill", "stop"))
@@ -345,6 +346,8 @@ def _zoned(seen: Seen) -> Iterator[str]:
             free_s = _free_s(seen, agent, zone, since_s)
             there = counts & (-track[:, 2] > low) & (-track[:, 2] < high)
             there &= (truth.time_s >= free_s) & (truth.time_s < lifted_s) & ~seen.blown
+            if since_s > 0:  # one that was coming down already goes on
+                there &= np.logical_or.accumulate(flown & (truth.time_s >= since_s))
             for k in np.flatnonzero(there).tolist():
                 n, e, d = track[k].tolist()
                 off_m = 0.0 if flown[k] else WANDERS_M  # an autopilot's landing drifts

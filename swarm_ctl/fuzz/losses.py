@@ -302,10 +302,13 @@ def _flies_against_a_pilot(seen: Seen) -> Iterator[str]:
 
 
 def _flies_blind(seen: Seen) -> Iterator[str]:
-    """Without a position an agent waits, says why, and tells none."""
-    for from_s, until_s, agents, values, _ in seen.faults if seen.from_start else ():
+    """Without a position an agent waits, says why, and tells none. Whatever fault ends first gives
+    it back."""
+    for from_s, _, agents, values, _ in seen.faults if seen.from_start else ():
         for agent in agents if values.get("SIM_GPS_OFF") == 1 else ():
-            hands_s = min(until_s, seen.first(agent, "kill", "stop", "clock", "restart"))
+            others = (f for f in seen.faults if agent in f[2] and "SIM_GPS_OFF" in f[3])
+            ends_s = [until_s for _, until_s, *_ in others if until_s > from_s]
+            hands_s = min(*ends_s, seen.first(agent, "kill", "stop", "clock", "restart"))
             if agent in seen.elsewhen or seen.taken[agent] < from_s:
                 continue
             late = [s for s in seen.statuses[agent] if from_s + _BLIND_S < s.time_s < hands_s]

@@ -234,12 +234,13 @@ class Seen:
 
     @cached_property
     def spared_m(self) -> float:
-        """What the keep-out spares [m], where vehicles answer as is believed."""
+        """Half of what the keep-out spares [m], where vehicles answer as is believed: wind, loss
+        and lag use up the other half."""
         plan = self.plan
         margins = margins_of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m)
         fleet = self.flown.mission.fleet.agents
         as_believed = all(entry.simulated_response is None for entry in fleet)
-        return margins.keep_out - self.r_in_m if as_believed else 0.0
+        return 0.5 * (margins.keep_out - self.r_in_m) if as_believed else 0.0
 
     def off_m(self, agent: int) -> npt.NDArray[np.float64]:
         """(T,): how far the places that an agent told lay off the truth, the most of the last
