@@ -78,7 +78,7 @@ class Dice:
         return size if self.chance(0.5) else -size
 
 
-_VARIANTS: Final = {"": 60, "swap": 18, "stack": 8, "column": 4, "split": 14}
+_VARIANTS: Final = {"": 54, "swap": 24, "stack": 8, "column": 8, "split": 12}
 """How often a mission has steps of its own kind (`_VARIED`)."""
 _LAYERED: Final = 0.15
 """Of `form` steps: their slots lie at several heights."""
@@ -92,12 +92,18 @@ _STEP_S: Final = 12.0
 """About so long takes a step of a short flight."""
 _ANSWERED: Final = 0.3
 """Of what happens: the operator gives an order soon after, or takes back one that holds."""
-_CROSSED: Final = 0.6
-"""Of the missions whose agents change sides: something befalls them meanwhile."""
+_CROSSED: Final = 0.8
+"""Of the missions whose agents change sides: something befalls them meanwhile ..."""
+_CROSSED_ALONE: Final = 0.6
+"""... and of these, nothing else."""
 _PREPARED_S: Final = 3.6
 """All have prepared, and take off."""
 _TWO_LOSSES: Final = 0.12
 """Of the flights that are not fair: two policies are to act at a time."""
+_ENDED: Final = 0.1
+"""Of the others: one agent fails by itself, and the operator ends the flight."""
+_SMALL: Final = (1.5, 1.5, 2.0)
+"""Units in which most change sides: there room to land lacks."""
 _TRIES: Final = 200
 _PILOTS: Final = get_args(Pilot)
 
@@ -146,7 +152,10 @@ def _scenario(dice: Dice, wanted: Coverage, name: str, of: Data | None) -> Data:
     losses: list[Data] = []
     if of is None:
         mission, happens = _mission(dice, wanted, fair=fair)
-        losses = _two_losses(dice, mission) if not fair and dice.chance(_TWO_LOSSES) else []
+        if not fair and dice.chance(_TWO_LOSSES):
+            losses = _two_losses(dice, mission)
+        elif not fair and dice.chance(_ENDED):
+            losses = _ended(dice, mission)
         if "fence" not in mission:
             _fence(mission, dice, fair=fair)
         _zones(mission, dice)
@@ -175,7 +184,8 @@ def _scenario(dice: Dice, wanted: Coverage, name: str, of: Data | None) -> Data:
     swarm = _Swarm(ids, [*mission.get("shapes", {})], [*mission.get("groups", {})], waiting)
     scenario["happens"] = losses or happens + _happenings(dice, wanted, swarm, steps)
     if of is None and _changes_sides(mission) and dice.chance(_CROSSED):
-        scenario["happens"] += _crossed(dice, mission)
+        before = [] if dice.chance(_CROSSED_ALONE) and not losses else scenario["happens"]
+        scenario["happens"] = before + _crossed(dice, mission)
     if waiting and dice.chance(0.8):
         launch = {"at_s": dice.number(10, 40, 1), "order": f"launch @{waiting[0]}"}
         scenario["happens"].append(launch)
@@ -212,12 +222,39 @@ def _two_losses(dice: Dice, mission: Data) -> list[Data]:
             mission["policies"][policy] = dice.pick(("land", "return"))
         found.append({"at_s": at_s} | happening)
         at_s = round(at_s + dice.number(0.5, 12, 1), 1)
-    formed = [k for k, step in enumerate(mission["steps"]) if "form" in step]
-    if formed:
-        mission["steps"].insert(formed[0] + 1, {"hold": {"duration_s": dice.number(20, 40, 0)}})
+    _waits_in_the_air(dice, mission)
     if dice.chance(0.3):
         found.append({"at_s": at_s, "order": dice.pick(("land", "return", f"land @{one}"))})
     return found
+
+
+def _ended(dice: Dice, mission: Data) -> list[Data]:
+    """One agent breaks the mission off by itself, and goes home or lands; the others fly on until
+    the operator ends the flight. Or that comes first, and the agent fails on its way down."""
+    ids = sorted(agent["id"] for agent in mission["agents"])
+    one = dice.pick(ids)
+    own = ("estimate", "battery_low", "fence")
+    policy, failure = dice.pick([each for each in _losses(dice, one, ids) if each[0] in own])
+    if dice.chance(0.3):
+        failure = {"pilot": {"agents": [one], "mode": dice.pick(_PILOTS)}}
+    else:
+        failure["vehicle"]["agents"] = [one]
+    mission["policies"] |= {policy: dice.pick(("land", "return")), "agent_lost": "continue"}
+    if policy == "fence":
+        _fence(mission, dice, fair=False, always=True)
+        mission["policies"]["estimate"] = "continue"  # it jumps, too
+    order: Data = {"order": dice.pick(("land", "return", "return", "kill"))}
+    at_s, later_s = dice.number(14, 30, 1), dice.number(0.5, 12, 1)
+    first, then = (failure, order) if dice.chance(0.6) else (order, failure)
+    _waits_in_the_air(dice, mission)
+    return [{"at_s": at_s} | first, {"at_s": round(at_s + later_s, 1)} | then]
+
+
+def _waits_in_the_air(dice: Dice, mission: Data) -> None:
+    """For what is to happen."""
+    formed = [k for k, step in enumerate(mission["steps"]) if "form" in step]
+    if formed:
+        mission["steps"].insert(formed[0] + 1, {"hold": {"duration_s": dice.number(20, 40, 0)}})
 
 
 def _losses(dice: Dice, one: int, ids: list[int]) -> list[tuple[str, Data]]:
@@ -239,14 +276,14 @@ def _losses(dice: Dice, one: int, ids: list[int]) -> list[tuple[str, Data]]:
 
 
 def _crossed(dice: Dice, mission: Data) -> list[Data]:
-    """What befalls agents that change sides, about when they pass each other. Two orders to land
+    """What befalls agents that change sides, before or as they pass each other. Two orders to land
     let some come down where others are in the air, or stand. Where one falls silent, the others
     mostly go on, past the place where it may be. One that is not where it says comes too near, for
     the verdict to tell."""
     ids = sorted(agent["id"] for agent in mission["agents"])
     some = " @" + ",".join(map(str, _some(dice, ids)))
     up, apart = (step.expected_s or 0.0 for step in forecast(_plan_of(mission))[:2])
-    at_s = round(_PREPARED_S + up + apart + dice.number(1.0, 7.0, 1), 1)
+    at_s = round(_PREPARED_S + up + apart + dice.number(-2.0, 7.0, 1), 1)
     off = dice.pick(("SIM_GPS_JUMP_N", "SIM_GPS_JUMP_E"))
     what: tuple[Data, ...] = (
         {"kill": [dice.pick(ids)]},
@@ -256,7 +293,7 @@ def _crossed(dice: Dice, mission: Data) -> list[Data]:
         {"order": f"return{some}"},
         {"vehicle": {"agents": [dice.pick(ids)], "set": {off: dice.signed(2.0, 3.6, 1)}}},
     )
-    found: list[Data] = [{"at_s": at_s} | dice.pick(what)]
+    found: list[Data] = [{"at_s": at_s} | dice.pick(what, lambda each: 3 if "order" in each else 1)]
     if "order" not in found[0] and dice.chance(0.6):
         mission["policies"]["agent_lost"] = "continue"
     elif dice.chance(0.4):
@@ -484,7 +521,8 @@ def _mission(dice: Dice, wanted: Coverage, *, fair: bool) -> tuple[Data, list[Da
             "swap": (count, 4, 5),
         }.get(variant, (count,))
     )
-    unit_m = dice.pick((1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 5.0))
+    small = variant == "swap" and dice.chance(0.7)
+    unit_m = dice.pick(_SMALL if small else (1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 5.0))
     r_in = dice.number(max(0.4, 1.0 / unit_m), 0.75)
     spacing = _APART * 1.5 + dice.pick((0.02, 0.1, 0.4))
     mission: Data = {
@@ -581,8 +619,8 @@ def _formed(shape: str, timeout_s: float, **more: Any) -> Data:
 
 
 def _column(dice: Dice, mission: Data, spacing: float) -> list[Data]:
-    """One behind the other, all follow a boat or move on; then one stays, or there is a zone, in
-    the way of those behind."""
+    """One behind the other, all follow a boat or move on; then one stays, falls silent or is taken,
+    or there is a zone, in the way of those behind: who is held up is so within the formation."""
     ids, unit_m = sorted(agent["id"] for agent in mission["agents"]), mission["unit_m"]
     spacing, way = round(spacing + 0.02, 2), dice.signed(8, 14, 1)
     mission["shapes"]["one"] = {"kind": "column", "spacing": spacing}
@@ -597,9 +635,17 @@ def _column(dice: Dice, mission: Data, spacing: float) -> list[Data]:
         on = {"follow": {"target": "boat", "duration_s": dice.number(12, 18, 0)}}
     form = _formed("one", 60.0, slots="fixed")
     mission["steps"] = [mission["steps"][0], form, on, mission["steps"][-1]]
-    at_s = dice.number(18, 30, 1)
-    if dice.chance(0.7):
-        return [{"at_s": at_s, "order": f"expel @{dice.pick((ids[0], ids[-1], dice.pick(ids)))}"}]
+    at_s, one = dice.number(18, 30, 1), dice.pick((ids[0], ids[-1], dice.pick(ids)))
+    if dice.chance(0.6):
+        mission["policies"] |= {"agent_lost": "continue", "left_by_order": "continue"}
+        stays: tuple[Data, ...] = (
+            {"order": f"expel @{one}"},
+            {"order": f"hold @{one}"},
+            {"kill": [one]},
+            {"stop": [one], "for_s": dice.number(1, 10, 1)},
+            {"pilot": {"agents": [one], "mode": "hold"}},
+        )
+        return [{"at_s": at_s} | dice.pick(stays)]
     ahead = math.copysign((len(ids) - 1) / 2 * spacing + dice.number(0.8, 3), way)
     at = f"{(north + ahead) * unit_m:.1f} {east * unit_m + dice.signed(0, 1, 1):.1f}"
     return [{"at_s": at_s, "order": f"zone add post circle {at} {dice.number(0.3, 1.5):g}"}]

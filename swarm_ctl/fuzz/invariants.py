@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from swarm_ctl.core.agent.agent import STATUS_EVERY_S
-from swarm_ctl.core.agent.landing import STANDING_WANDERS_M, WANDERS_M
+from swarm_ctl.core.agent.landing import BESIDE, STANDING_WANDERS_M, WANDERS_M
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import AgentState, CommandKind, Outcome, Phase, StepOutcome
 from swarm_ctl.core.model.plan import Fence, Policy, Zone
@@ -70,9 +70,13 @@ _BRAKES_S: Final = 2.5
 """... or has braked for so long by its words, which come at 2 Hz."""
 _ROOM_S: Final = 8.0
 """Who has no room to land looks for it at least so long."""
-_SHORT_M: Final = 0.3
+_TOLD_S: Final = 2.0
+"""What an agent has told for so long, the others know."""
+_OLD_S: Final = 0.8
+"""What it knows of others is older by less."""
+_SHORT_M: Final = 0.05
 _SHORT_S: Final = 0.3
-"""What it knows of others is a little older."""
+"""By so much a status is older than what brought it about."""
 _ALONE_S: Final = 4.5
 """A vehicle follows its last setpoint for a second at most, and then it brakes."""
 _BATTERY_S: Final = 600.0
@@ -457,8 +461,9 @@ def _lands_in_flight(seen: Seen, agent: int) -> Iterator[str]:
 
 
 def _lands_beside(seen: Seen, agent: int) -> Iterator[str]:
-    """Who begins to land has the room that both may drift to each other one that flies, by the stop
-    points that both told, or has tried to make it."""
+    """Who begins to land has the room that both may drift to each other one that flies, and a
+    little more than r_in to each that stands, by the stop points that both told, or has tried to
+    make it."""
     expels = any(order.line.startswith("expel") for order in seen.flown.orders)
     if seen.plan.wake is not None or not seen.good_mesh or seen.of("part") or expels:
         return
@@ -476,12 +481,15 @@ def _lands_beside(seen: Seen, agent: int) -> Iterator[str]:
         if status.time_s - flew_s > _ROOM_S or status.time_s - before.time_s > 1.0:
             continue
         drift_m = STANDING_WANDERS_M if status.action is None else WANDERS_M
-        least_m = seen.r_in_m + 2.0 * drift_m - _SHORT_M
+        beside_m = BESIDE * (seen.plan.law.r_out - seen.plan.law.r_in) * seen.unit_m
         for other in set(seen.ids) - {agent} - seen.elsewhen:
             others_s = min(seen.taken[other], seen.lies[other], seen.first(other, *gone))
             at = np.searchsorted(seen.truth.time_s, [before.time_s, status.time_s])
-            if others_s < status.time_s or not seen.airborne(other)[at[0] : at[1] + 1].all():
+            flies = bool(seen.airborne(other)[at[0] : at[1] + 1].all())
+            if others_s < status.time_s or not (flies or _stands(seen, other, before.time_s)):
                 continue
+            least_m = seen.r_in_m + (2.0 * drift_m if flies else beside_m) - _SHORT_M
+            least_m -= _strays_m(seen, other, before.time_s - _OLD_S, status.time_s)
             own, theirs = (
                 {round(s.time_s, 1): complex(*s.stop_point_m) for s in seen.states[each]}
                 for each in (agent, other)
@@ -494,8 +502,22 @@ def _lands_beside(seen: Seen, agent: int) -> Iterator[str]:
             if gaps_m and max(gaps_m) < least_m:
                 yield (
                     f"agent {agent} began to land at {status.time_s:.1f} s, {max(gaps_m):.2f} m"
-                    f" beside agent {other}, which flew"
+                    f" beside agent {other}, which {'flew' if flies else 'stood'}"
                 )
+
+
+def _strays_m(seen: Seen, agent: int, from_s: float, to_s: float) -> float:
+    """How far apart its told stop points of this time are [m]: another may know any of them."""
+    told = np.array(
+        [complex(*s.stop_point_m) for s in seen.states[agent] if from_s <= s.time_s <= to_s]
+    )
+    return float(np.abs(told[:, None] - told).max(initial=0.0))
+
+
+def _stands(seen: Seen, agent: int, at_s: float) -> bool:
+    """It has told for a while that its vehicle stands on the ground."""
+    said = [s.down for s in seen.states[agent] if at_s - _TOLD_S <= s.time_s <= at_s]
+    return bool(said) and all(said)
 
 
 def _flies_alone(seen: Seen, agent: int) -> Iterator[str]:
@@ -627,10 +649,12 @@ def _came_home(seen: Seen, agent: int, until_s: float) -> str:
 
 
 def _moved_in_hold(seen: Seen, agent: int, at_s: float, until_s: float) -> str:
-    """A vehicle that is to hold stays where it is, but for room that it makes for others."""
+    """A vehicle that is to hold stays where it is, but for room that it makes for others: until one
+    of them is not where it says."""
     held = [s for s in seen.statuses[agent] if at_s + 6.0 < s.time_s < until_s]
     others = [s.time_s for s in held if s.action is not None or s.phase is not Phase.FLY]
-    until_s = min([until_s, *others, *(s.time_s for s in held[-1:])])
+    pushed = (min(seen.taken[each], seen.lies[each]) for each in set(seen.ids) - {agent})
+    until_s = min([until_s, *others, *pushed, *(s.time_s for s in held[-1:])])
     time_s = seen.truth.time_s
     stretch = (time_s > at_s + 6.0) & (time_s < until_s)
     if stretch.sum() < 2:
@@ -744,8 +768,7 @@ def _verdict(seen: Seen) -> Iterator[str]:
         yield from (f"{word}, but {text}" for text in _against_completed(seen))
     elif not summary.reason:
         yield f"{word}, without a reason"
-    if summary.outcome is Outcome.ABORTED:
-        yield from (f"{word}, but {text}" for text in _against_aborted(seen))
+    yield from _who_was_first(seen)
     pairs = {
         (a, b): found[0]
         for a, b in itertools.combinations(seen.ids, 2)
@@ -826,19 +849,70 @@ def _against_completed(seen: Seen) -> Iterator[str]:
         yield f"{agents_named(flown.up)} had not ended"
 
 
-def _against_aborted(seen: Seen) -> Iterator[str]:
-    """An order does not excuse who failed by itself before the first one was given."""
-    ends = (CommandKind.LAND, CommandKind.RETURN, CommandKind.KILL)
-    given = [order.at_s for agent in seen.ids for order in seen.orders(agent, *ends)]
+_ORDERLY: Final = frozenset({0, 1, 130})
+"""Exit codes of processes that ended by themselves."""
+
+
+class _BrokeOff(NamedTuple):
+    """An agent that failed by itself, and not for another one or an order."""
+
+    agent: int
+    at_s: float
+    cause: Cause
+    reason: str
+
+
+def _broke_off(seen: Seen) -> list[_BrokeOff]:
+    """All of them that no order took away before, the first one first."""
+    found = []
     for agent in set(seen.ids) - seen.elsewhen:
         last = seen.statuses[agent][-1:]
         own = last and last[0].outcome is Outcome.FAILED and last[0].left is None
-        if not own or last[0].cause in (None, Cause.PEER, Cause.ORDER, Cause.STARTER):
+        cause = last[0].cause if own else None
+        if cause in (None, Cause.PEER, Cause.ORDER, Cause.STARTER):
             continue
         broken = (StepOutcome.ABORTED, StepOutcome.TIMEOUT)
         broke = [s.end_s for s in last[0].steps if s.result in broken and s.end_s is not None]
-        if broke and min(broke) < min(given, default=math.inf) - 1.0:
-            yield f"agent {agent} had failed at {min(broke):.1f} s ({last[0].reason})"
+        if broke:
+            found.append(_BrokeOff(agent, min(broke), cause, last[0].reason))
+    return sorted(found, key=lambda each: each.at_s)
+
+
+def _who_was_first(seen: Seen) -> Iterator[str]:
+    """An order does not excuse who failed by itself before the first one was given; it does who
+    failed after it. Who failed first is the cause."""
+    summary, failed = seen.flown.summary, _broke_off(seen)
+    ends = (CommandKind.LAND, CommandKind.RETURN, CommandKind.KILL)
+    given_s = min(
+        (order.at_s for agent in seen.ids for order in seen.orders(agent, *ends)), default=math.inf
+    )
+    first = failed[0] if failed else None
+    if summary.outcome is Outcome.ABORTED and first and first.at_s < given_s - 1.0:
+        yield (
+            f"the verdict is aborted, but agent {first.agent} had failed at {first.at_s:.1f} s"
+            f" ({first.reason})"
+        )
+    if summary.outcome is not Outcome.FAILED or summary.findings or seen.elsewhen:
+        return
+    last = [said[-1] for said in seen.statuses.values() if said]
+    by_order = [s for s in last if s.outcome is Outcome.ABORTED and s.left is None]
+    final = len(last) == len(seen.ids) and all(s.phase is Phase.ENDED for s in last)
+    orderly = _ORDERLY.issuperset((summary.exit_codes or {}).values())
+    later = any(s.outcome is Outcome.FAILED and s.left is not None for s in last)  # when, is unsaid
+    if by_order and final and orderly and not later:
+        obeyed = {status.agent for status in by_order}
+        own_s = [order.at_s for agent in obeyed for order in seen.orders(agent, *ends)]
+        if own_s and (first is None or first.at_s > min(own_s)):
+            yield (
+                f"the verdict is failed ({summary.reason}), but agents were ordered to end it at"
+                f" {min(own_s):.1f} s, before any failed"
+            )
+    mine = [each for each in failed if each.cause is summary.cause]
+    if first and mine and first.at_s < mine[0].at_s - 1.0:
+        yield (
+            f"the cause is {summary.cause}, of {mine[0].at_s:.1f} s, but agent {first.agent} failed"
+            f" at {first.at_s:.1f} s ({first.reason})"
+        )
 
 
 def _comes_back(seen: Seen, agent: int) -> bool:

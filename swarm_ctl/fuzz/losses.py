@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 from swarm_ctl.core.agent.agent import STATUS_EVERY_S
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
-from swarm_ctl.core.model.messages import AgentStatus, Phase, StepOutcome, StepResult
+from swarm_ctl.core.model.messages import AgentStatus, CommandKind, Phase, StepOutcome, StepResult
 from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.core.model.steps.table import AnyStep
 from swarm_ctl.core.model.text import agents_named
@@ -151,6 +151,10 @@ def _asked(seen: Seen, status: AgentStatus) -> set[str] | None:
     )
     if policy is None:
         return None
+    ends = (CommandKind.LAND, CommandKind.RETURN, CommandKind.KILL)
+    given = seen.orders(status.agent, *ends)
+    if any(order.at_s <= status.time_s for order in given):
+        return None  # it has failed, and does as it was ordered
     asked = {policy.value}
     # who can't return lands; on the ground, and where all go home, nobody waits for a lost agent
     alone = cause is Cause.PEER and (not status.airborne or step is None or step.goes_home)

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from swarm_ctl.core.kernel.constraints import RATE, cap, margins_of
-from swarm_ctl.core.model.messages import CommandKind
+from swarm_ctl.core.model.messages import AgentState, CommandKind
 from swarm_ctl.core.model.timeouts import FRESH_S, SILENT_FLIES_S
 from swarm_ctl.fuzz.seen import FLIES, Seen
 from swarm_ctl.virtual.scenario_flight import GivenOrder
@@ -29,6 +29,11 @@ _GROWS_S: Final = 3.0
 """A keep-out grows with the age of the news for so long."""
 _LOOKS_S: Final = 8.0
 """Of one that fell silent: later its vehicle stands, or lands."""
+_STILL_MPS: Final = 0.05
+"""A formation that is slower stands."""
+_HELD: Final = 0.25
+"""One that makes less than this share of its formation's way is held up: half of what the filter
+asks for."""
 
 
 class _Told(NamedTuple):
@@ -37,16 +42,19 @@ class _Told(NamedTuple):
     time_s: npt.NDArray[np.float64]
     stop_point_m: npt.NDArray[np.complex128]
     setpoint_mps: npt.NDArray[np.complex128]
+    shared_mps: npt.NDArray[np.complex128]
+    """(3, T), the velocity of its formation's frame, by this state, the one before and the next."""
+    low_m: npt.NDArray[np.float64]
+    """The lower one of its height and the height that it flies to; -inf where heights part
+    nobody."""
+    high_m: npt.NDArray[np.float64]
     flies: npt.NDArray[np.bool_]
-    """By its own setpoints, and not with a formation that moves."""
-    gives_way: npt.NDArray[np.bool_]
-    """... or with one."""
+    """By its own setpoints: it gives way."""
 
 
 def rooms_are_shared(seen: Seen) -> Iterator[str]:
-    """All of this module. Heights leave some pairs out of the plane, a cut makes agents silent to
-    some alone."""
-    if not (seen.plan.safety.filter and seen.good_mesh) or seen.plan.wake is not None:
+    """All of this module. A cut makes agents silent to some alone."""
+    if not (seen.plan.safety.filter and seen.good_mesh):
         return
     if seen.of("part", "clock"):
         return
@@ -62,20 +70,47 @@ def _told(seen: Seen, agent: int) -> _Told:
     states = seen.states[agent]
     expelled_s = min((o.at_s for o in seen.flown.orders if _expels(o, agent)), default=math.inf)
     until_s = min(seen.taken[agent], seen.lies[agent], expelled_s)
-    steps = seen.route(agent).steps
-    still = {k for k, step in enumerate(steps, 1) if not (step.frame_mps or step.spins)}
-    gives_way = [
+    time_s = np.array([s.time_s for s in states])
+    flies = [
         s.phase in FLIES and s.airborne and s.setpoint_mps != (0.0, 0.0) and s.time_s < until_s
         for s in states
     ]
-    stays = [s.step in still and not s.override for s in states]
+    spans = [
+        (-math.inf, math.inf)
+        if s.goal_height_m is None
+        else sorted((-s.position_ned_m[2], s.goal_height_m))
+        for s in states
+    ]
     return _Told(
-        np.array([s.time_s for s in states]),
-        np.array([complex(*s.stop_point_m) for s in states]),
-        np.array([complex(*s.setpoint_mps) for s in states]),
-        np.array(gives_way, dtype=np.bool_) & np.array(stays, dtype=np.bool_),
-        np.array(gives_way, dtype=np.bool_),
+        time_s=time_s,
+        stop_point_m=np.array([complex(*s.stop_point_m) for s in states]),
+        setpoint_mps=np.array([complex(*s.setpoint_mps) for s in states]),
+        shared_mps=_shared_mps(states, time_s),
+        low_m=np.array([low for low, _ in spans]),
+        high_m=np.array([high for _, high in spans]),
+        flies=np.array(flies, dtype=np.bool_),
     )
+
+
+def _shared_mps(
+    states: list[AgentState], time_s: npt.NDArray[np.float64]
+) -> npt.NDArray[np.complex128]:
+    """By the frame that it tells: one that is taken up anew jumps, for one state alone."""
+    found = np.zeros((3, len(states)), dtype=np.complex128)
+    if len(states) < 2:
+        return found
+    points = [complex(*s.frame.point_m) if s.frame else math.nan for s in states]
+    moved_mps = np.nan_to_num(np.diff(np.array(points, dtype=np.complex128)) / np.diff(time_s))
+    found[0, 1:], found[1, 2:], found[2, :-1] = moved_mps, moved_mps[:-1], moved_mps
+    return found
+
+
+def _held_up(mine: _Told, setpoint_mps: npt.NDArray[np.complex128]) -> npt.NDArray[np.bool_]:
+    """(T,): the own formation stands, or who is told to fly this does not fly along with it."""
+    shared_mps = mine.shared_mps
+    stays = (setpoint_mps * shared_mps.conj()).real < _HELD * np.abs(shared_mps) ** 2
+    held: npt.NDArray[np.bool_] = np.logical_and.reduce((np.abs(shared_mps) < _STILL_MPS) | stays)
+    return held
 
 
 def _expels(order: GivenOrder, agent: int) -> bool:
@@ -90,7 +125,9 @@ class _Known(NamedTuple):
     apart: npt.NDArray[np.complex128]
     """The own stop point less its."""
     counts: npt.NDArray[np.bool_]
-    """It is known to give way."""
+    """It is known to give way, and heights do not part the two."""
+    held: npt.NDArray[np.bool_]
+    """It is known not to fly along with a formation that moves."""
 
 
 def _known(seen: Seen, mine: _Told, theirs: _Told) -> Iterator[_Known]:
@@ -103,8 +140,10 @@ def _known(seen: Seen, mine: _Told, theirs: _Told) -> Iterator[_Known]:
         at = np.searchsorted(theirs.time_s, mine.time_s - (late - 0.5) * plan.tick_s) - 1
         at = np.maximum(at, 0)
         age_s = mine.time_s - theirs.time_s[at]
-        counts = theirs.gives_way[at] & (age_s > 0.0) & (age_s < FRESH_S)
-        yield _Known(mine.stop_point_m - theirs.stop_point_m[at], counts)
+        above_m = np.maximum(mine.low_m - theirs.high_m[at], theirs.low_m[at] - mine.high_m)
+        counts = theirs.flies[at] & (age_s > 0.0) & (age_s < FRESH_S) & (above_m < plan.layer_m)
+        held = _held_up(mine, theirs.setpoint_mps[at])
+        yield _Known(mine.stop_point_m - theirs.stop_point_m[at], counts, held)
 
 
 def _hurries_past_others(seen: Seen, own: int, told: dict[int, _Told]) -> Iterator[str]:
@@ -133,7 +172,8 @@ def _hurries_past_others(seen: Seen, own: int, told: dict[int, _Told]) -> Iterat
             most_mps = np.minimum(most_mps, slowest_mps)
     asked_mps = np.minimum(asked_mps, margins.speed)
     over_mps = np.abs(mine.setpoint_mps) - np.maximum(most_mps, asked_mps)
-    at_s = _first(mine, over_mps, (mine.time_s < until_s) & ~_gave_way(seen, own, mine))
+    stands = (np.abs(mine.shared_mps) < _STILL_MPS).all(axis=0)
+    at_s = _first(mine, over_mps, (mine.time_s < until_s) & stands & ~_gave_way(seen, own, mine))
     if at_s is not None:
         yield f"agent {own} was too fast for the room to others at {at_s:.1f} s"
 
@@ -141,15 +181,16 @@ def _hurries_past_others(seen: Seen, own: int, told: dict[int, _Told]) -> Iterat
 def _takes_more_than_half(
     seen: Seen, own: int, mine: _Told, other: int, theirs: _Told
 ) -> Iterator[str]:
-    """By the place of the other one that it may have known and that leaves it the most."""
+    """By the place of the other one that it may have known and that leaves it the most. In a
+    formation that moves, of those alone that are held up: the others fly along."""
     plan = seen.plan
     margins = margins_of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m)
     over_mps = np.full(len(mine.time_s), np.inf)
-    for apart, counts in _known(seen, mine, theirs):
+    for apart, counts, held in _known(seen, mine, theirs):
         allowed = 0.5 * RATE * (np.abs(apart) - margins.keep_out)
         closing = -(apart * mine.setpoint_mps.conj()).real / np.maximum(np.abs(apart), 1e-9)
         most = np.maximum(allowed, -0.5 * margins.speed)
-        over_mps = np.minimum(over_mps, np.where(counts, closing - most, -np.inf))
+        over_mps = np.minimum(over_mps, np.where(counts & held, closing - most, -np.inf))
     over_mps[np.isposinf(over_mps)] = -np.inf  # it told nothing
     at_s = _first(mine, over_mps, ~_gave_way(seen, own, mine))
     if at_s is not None:
@@ -164,7 +205,7 @@ def _flies_where_a_silent_one_may_be(
     margins = margins_of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m)
     for each in seen.of("kill", "stop"):
         at = int(np.searchsorted(theirs.time_s, each.at_s + 1e-6)) - 1
-        if other not in (each.kill or each.stop or ()) or at < 0 or not theirs.gives_way[at]:
+        if other not in (each.kill or each.stop or ()) or at < 0 or not theirs.flies[at]:
             continue
         last_s, setpoint = float(theirs.time_s[at]), complex(theirs.setpoint_mps[at])
         again_s = float(theirs.time_s[at + 1]) if at + 1 < len(theirs.time_s) else math.inf

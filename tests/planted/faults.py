@@ -92,7 +92,7 @@ FAULTS: Final = (
         f"{_KERNEL}/heights.py",
         "return Span(min(height_m, goal_m), max(height_m, goal_m), doubt_m)",
         "return Span(height_m, height_m, doubt_m)",
-        r"layers: |order: form",
+        r"layers: |up_m: ",
     ),
     Fault(
         "zones-new",
@@ -152,8 +152,8 @@ FAULTS: Final = (
         "verdict-order",
         "an order excuses an agent that failed before it",
         "swarm_ctl/report/judge/verdict.py",
-        "and _broken_s(s) < order_s]",
-        "and _broken_s(s) > order_s]",
+        "and _broken_s(s) < order_s - _HEARD_S]",
+        "and _broken_s(s) > order_s - _HEARD_S]",
         r"order: (land|return|kill)",
     ),
     Fault(

@@ -65,7 +65,8 @@ class Interruption:
 
     def heed(self, tick: Tick, trigger: FailsafeTrigger | None) -> None:
         """A failsafe fires, or (None) its cause is gone and the mission goes on. A hold that goes
-        on does not begin again: its sentence has new figures. What had failed says so on."""
+        on does not begin again: its sentence has new figures. What had failed says so on, and
+        why."""
         if self.holds and trigger == self.trigger:
             self.trigger = trigger
             return
@@ -79,8 +80,9 @@ class Interruption:
             if not holds:
                 before = None if self.holds else self.trigger
                 self._failed |= before is not None and before.outcome is Outcome.FAILED
-                if self._failed and trigger.outcome is not Outcome.FAILED:
-                    trigger = replace(trigger, reason=f"{self.reason}; then {trigger.reason}")
+                if self._failed and before is not None and trigger.outcome is not Outcome.FAILED:
+                    why = f"{self.reason}; then {trigger.reason}"
+                    trigger = replace(trigger, reason=why, cause=before.cause)
                 self._progress.break_off(trigger.step_outcome, tick.now)
             self._vehicle.stop_climbing(tick.newest_fix, HOLDS_M if holds else 0.0)
         self.trigger, self.since_s = trigger, tick.now

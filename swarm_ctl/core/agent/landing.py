@@ -48,7 +48,7 @@ STANDING_WANDERS_M: Final = 0.75
 small formation that stands lands in its places."""
 _STANDING_MPS: Final = 0.6
 """A real PX4 that stands says up to 0.5 m/s."""
-_BESIDE = 0.2
+BESIDE: Final = 0.2
 """So far from r_in to r_out: room for what the stop point does not know, and within the filter's
 own keep-out (0.35)."""
 _RETURN_AT_MOST_S = 120.0
@@ -269,7 +269,7 @@ class Landing:
         """The vehicles on the ground that are hardly farther than `r_in`: flown over, not landed
         on."""
         own, law = complex(*self._controller.stop_point_m), self._plan.law
-        reach = law.r_in + _BESIDE * (law.r_out - law.r_in)
+        reach = law.r_in + BESIDE * (law.r_out - law.r_in)
         near = tick.peers.near(own, reach * self._plan.unit_m)
         return [other for other in near if other.down]
 

@@ -53,6 +53,9 @@ _BY_SLOWNESS: Final = frozenset(
 """What a machine that does not keep up may bring about."""
 _FOLLOWS: Final = frozenset({None, Cause.PEER, Cause.ORDER, Cause.STARTER})
 """Causes that came from elsewhere: another agent, or whoever ends the flight."""
+_HEARD_S: Final = 1.0
+"""All agents hear an order within a second: who fails on the way that it was sent had broken its
+mission off by that order, up to so long before the last one did."""
 _BY_LINKS: Final = frozenset({Cause.TIMEOUT, Cause.PEER})
 
 
@@ -116,7 +119,7 @@ def _failed_before(
     """The agents that broke the mission off by a cause of their own before the order came."""
     order_s = min(map(_broken_s, aborted.values()))
     failed = (s for s in stayed.values() if s.outcome is Outcome.FAILED)
-    return [s for s in failed if s.cause not in _FOLLOWS and _broken_s(s) < order_s]
+    return [s for s in failed if s.cause not in _FOLLOWS and _broken_s(s) < order_s - _HEARD_S]
 
 
 def _ended(run: RunFolder, ending: Ending) -> Verdict | None:

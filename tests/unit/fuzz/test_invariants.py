@@ -22,10 +22,11 @@ from swarm_ctl.fuzz.invariants import Invariant, broken
 from swarm_ctl.fuzz.seen import Seen
 from swarm_ctl.mission.input import yaml_file
 from swarm_ctl.runfolder.truth import TruthEvent
-from swarm_ctl.virtual.scenario import scenario_of
+from swarm_ctl.virtual.scenario import load_scenario, scenario_of
 from swarm_ctl.virtual.scenario_flight import FlownScenario, fly_scenario
 
 LOW = Path(__file__).parents[2] / "system" / "low.yaml"
+FOUND = Path(__file__).parents[2] / "scenarios" / "found"
 FAR_M = 50.0
 
 
@@ -193,6 +194,34 @@ def test_an_order_that_excuses_an_earlier_failure() -> None:
     assert flight.summary.outcome is Outcome.FAILED
     excused = flight.summary.model_copy(update={"outcome": Outcome.ABORTED, "cause": Cause.ORDER})
     assert Invariant.VERDICT in kinds(replace(flight, summary=excused))
+
+
+def test_an_order_that_excuses_nobody_after_it() -> None:
+    """Two are called back, and one runs empty on its way."""
+    flight = fly_scenario(*load_scenario(FOUND / "fails-on-its-way-home.yaml"))
+    assert broken(flight) == []
+    changed = {"outcome": Outcome.FAILED, "cause": Cause.BATTERY, "reason": "empty"}
+    failed = flight.summary.model_copy(update=changed)
+    (found,) = broken(replace(flight, summary=failed))
+    assert found.text == (
+        "the verdict is failed (empty), but agents were ordered to end it at 20.0 s, before any"
+        " failed"
+    )
+
+
+def test_a_cause_that_was_not_the_first() -> None:
+    """A pilot takes one vehicle, and another one runs empty later."""
+    drains = {"at_s": 18.0, "vehicle": {"agents": [3], "set": {"SIM_BATT_DRAIN": 400.0}}}
+    takes = {"at_s": 12.0, "pilot": {"agents": [2], "mode": "land"}}
+    policies = {"agent_lost": "continue", "battery_low": "land"}
+    forms = {"form": {"shape": "row"}}
+    steps = [{"takeoff": {"height_m": 4}}, forms, {"hold": {"duration_s": 30}}, "land"]
+    flight = varied([takes, drains], policies=policies, steps=steps)
+    assert broken(flight) == []
+    assert flight.summary.cause is Cause.PILOT
+    other = flight.summary.model_copy(update={"cause": Cause.BATTERY})
+    (found,) = broken(replace(flight, summary=other))
+    assert "the cause is battery, of " in found.text
 
 
 def test_a_fence_that_counts_for_nobody(monkeypatch: pytest.MonkeyPatch) -> None:

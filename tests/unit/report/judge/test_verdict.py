@@ -102,15 +102,16 @@ ROWS: Final = [
     ),
     Row(
         "one had failed before",
-        each(landed()) | {2: low(29.9)},
+        each(landed()) | {2: low(28.9)},
         reason="agent 2: why, in step 2 (form hexagon); agents 1, 3-6: aborted: landed by the"
         " operator",
         cause=Cause.BATTERY,
     ),
+    Row("one was told a moment before", each(landed()) | {2: low(29.1)}, outcome=LANDED),
     Row("one failed with the order", each(landed()) | {2: low(30.0)}, outcome=LANDED),
     Row("one failed later", each(landed()) | {2: low(31.0)}, outcome=LANDED),
-    Row("one followed another", each(landed()) | {2: low(29.9, Cause.PEER)}, outcome=LANDED),
-    Row("one says no cause", each(landed()) | {2: low(29.9, None)}, outcome=LANDED),
+    Row("one followed another", each(landed()) | {2: low(28.9, Cause.PEER)}, outcome=LANDED),
+    Row("one says no cause", each(landed()) | {2: low(28.9, None)}, outcome=LANDED),
     Row("one timed out", {2: low(29.0, Cause.TIMEOUT)}, reason="agent 2: why", cause=Cause.TIMEOUT),
     Row(
         "one says nothing",
