@@ -252,12 +252,15 @@ def _flown_by_agents(
 
 
 def _slow(seen: Seen) -> Iterator[str]:
-    """While it follows an agent's setpoints; wind and an estimate that is off add to it."""
+    """While it follows an agent's setpoints, and has had time to brake from what it did before;
+    wind and an estimate that is off add to it."""
     truth, limits = seen.truth, seen.plan.limits
     more_mps = _FASTER_MPS + 0.5 * seen.wind_mps + seen.misjudged_m
     for agent in set(seen.ids) - seen.elsewhen:
         hands_s = min(seen.taken[agent], seen.lies[agent], seen.first(agent, "kill", "stop"))
-        counts = _flown_by_agents(seen, agent) & (truth.time_s < hands_s)
+        flown = _flown_by_agents(seen, agent)
+        since_s = np.maximum.accumulate(np.where(flown, -math.inf, truth.time_s))
+        counts = (truth.time_s - since_s > _BRAKES_S) & (truth.time_s < hands_s)
         if counts.sum() < 2:
             continue
         down_mps = np.gradient(seen.track(agent)[:, 2], truth.time_s)
