@@ -19,16 +19,32 @@ LAW = LawParameters()
 MARGINS = margins_of(LAW, Response(), 5.0, 5.0, 5.0)
 
 
-def test_the_proven_bound_lies_over_r_in() -> None:
-    """D F(W tau / D) > r_in for two that are as slow as at D, with a lag a fifth over the model's
-    (docs/understand/safety-evidence.md#proven, 2)."""
+def proven_m(apart_m: float, speed_mps: float) -> float:
+    """How near two come that circle this far apart (docs/understand/safety-evidence.md#proven, 2):
+    D F(W tau / D), with a lag a fifth over the model's."""
     response = Response()
-    tau_s = 1.2 * response.lag_s + 0.3 * MARGINS.slow * 5.0 / response.acceleration_mps2
-    m = 2 * MARGINS.slow * tau_s / MARGINS.keep_out
+    tau_s = 1.2 * response.lag_s + 0.3 * speed_mps / response.acceleration_mps2
+    m = 2 * speed_mps * tau_s / apart_m
     u = np.linspace(0.0, 40.0, 400_001)
     f = np.where(m * u < np.pi / 2, np.cos(np.minimum(m * u, np.pi)), np.pi / 2 - m * u)
-    bound = MARGINS.keep_out * float(np.sum(np.exp(-u) * f) * (u[1] - u[0]))
-    assert bound == pytest.approx(1.15 * LAW.r_in, rel=1e-3)
+    return apart_m * float(np.sum(np.exp(-u) * f) * (u[1] - u[0]))
+
+
+def test_the_proven_bound_lies_over_r_in() -> None:
+    """Of two that are as slow as at D."""
+    in_metres = margins_of(LAW, Response(), 5.0, 5.0)
+    near_m = proven_m(in_metres.keep_out, in_metres.slow)
+    assert near_m == pytest.approx(1.15 * LAW.r_in * 5.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(("unit_m", "speed_mps"), [(1.5, 3.0), (3.0, 6.0)])
+def test_caution_is_as_wide_as_the_top_speed_asks(unit_m: float, speed_mps: float) -> None:
+    """Where it begins, the bound holds for two that pass at a 1.6th of the top speed; nearer by a
+    tenth of its width, it does not."""
+    margins = margins_of(LAW, Response(), speed_mps, unit_m)
+    begins_m, least_m = margins.keep_out + margins.zone, 1.15 * LAW.r_in * unit_m
+    assert proven_m(begins_m, speed_mps / 1.6) >= least_m * (1 - 1e-3)
+    assert proven_m(begins_m - 0.1 * margins.zone, speed_mps / 1.6) < least_m
 
 
 def heard(setpoint: complex = 0j, age_s: float = 0.0, *, yields: bool = True) -> Other:
