@@ -63,7 +63,9 @@ def coasted(
 ) -> tuple[complex, complex]:
     """Place and velocity after this part of a tick, once the setpoint `acting` acts."""
     dv = (acting - v) * model.share
-    dv = dv * (part * model.bound / max(abs(dv), model.bound))
+    size = abs(dv)
+    if size > model.bound or part != 1.0:  # mostly not: a root and a quotient are slow
+        dv = dv * (part * model.bound / max(size, model.bound))
     return x + part * model.tick_s * (v + 0.5 * dv), v + dv
 
 
@@ -265,10 +267,15 @@ def stop_point(
     x, v = position, velocity
     # the setpoints that have yet to act, oldest first; of a number with a fraction, the oldest acts
     # for that
-    for ago in range(math.ceil(ticks), 0, -1):
+    most = math.ceil(ticks)
+    k = (estimate.sent - most) % model.remembered
+    for ago in range(most, 0, -1):
         part = 1.0
         if ago > ticks:
             part = max(0.0, min(1.0, ticks - (ago - 1)))
-        x, v = coasted(x, v, sent[(estimate.sent - ago) % model.remembered], part, model.coast)
+        x, v = coasted(x, v, sent[k], part, model.coast)
+        k += 1
+        if k == model.remembered:
+            k = 0
     quicker_s = late_s - dead_s
     return rest(x, v, model.coast) + quicker_s * velocity
