@@ -27,8 +27,8 @@ from swarm_ctl.engine.launch.run_setup import Lockstep, RunOptions
 from swarm_ctl.engine.station.screens import Show
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.fuzz.coverage import Coverage, CoverageCell, cells_of
-from swarm_ctl.fuzz.draw import draw
-from swarm_ctl.fuzz.invariants import Broken, Invariant, broken
+from swarm_ctl.fuzz.draw.scenario import draw
+from swarm_ctl.fuzz.invariants.table import Broken, Invariant, broken
 from swarm_ctl.installed import version
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps
 from swarm_ctl.signals import deaf_children, deaf_tracker, hears

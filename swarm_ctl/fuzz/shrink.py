@@ -9,7 +9,7 @@ from typing import Any, Final, TypeAlias
 
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.fuzz.campaign import fly, kind_of
-from swarm_ctl.fuzz.invariants import Broken, Invariant
+from swarm_ctl.fuzz.invariants.table import Broken, Invariant
 from swarm_ctl.mission.input import yaml_file
 from swarm_ctl.virtual.scenario import Scenario, scenario_of
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from swarm_ctl.fuzz.invariants import broken
+from swarm_ctl.fuzz.invariants.table import broken
 from swarm_ctl.mission.input import yaml_file
 from swarm_ctl.virtual.scenario import scenario_of
 from swarm_ctl.virtual.scenario_flight import ScenarioFlight

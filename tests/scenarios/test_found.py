@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.fuzz.invariants import broken
+from swarm_ctl.fuzz.invariants.table import broken
 from swarm_ctl.virtual.scenario import load_scenario
 from swarm_ctl.virtual.scenario_flight import FlownScenario, fly_scenario
 from tests.on_demand import on_demand

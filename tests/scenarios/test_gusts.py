@@ -8,7 +8,7 @@ import random
 
 import pytest
 
-from swarm_ctl.fuzz.invariants import broken
+from swarm_ctl.fuzz.invariants.table import broken
 from swarm_ctl.mission.checks.envelope import most_gusts_mps
 from swarm_ctl.mission.compile.loader import loads
 from swarm_ctl.virtual.scenario import scenario_of

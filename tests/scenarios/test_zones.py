@@ -19,7 +19,7 @@ from swarm_ctl.core.model.plan import Zone
 from swarm_ctl.core.safety.fence import inside
 from swarm_ctl.core.safety.surroundings import Surroundings
 from swarm_ctl.core.swarm.gain_update import planned
-from swarm_ctl.fuzz.invariants import broken
+from swarm_ctl.fuzz.invariants.table import broken
 from swarm_ctl.mesh import keys
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from swarm_ctl.virtual.scenario import scenario_of

@@ -27,7 +27,7 @@ from swarm_ctl.evidence.claims import (
 from swarm_ctl.evidence.flown import FAILED, HOLDS, JOURNAL, Evidence, _again, wanted
 from swarm_ctl.evidence.page import DATA, PAGE, write_evidence
 from swarm_ctl.fuzz.campaign import FLIGHTS, DrawnFlight
-from swarm_ctl.fuzz.invariants import Broken, Invariant
+from swarm_ctl.fuzz.invariants.table import Broken, Invariant
 from swarm_ctl.study.rows import COLUMNS
 from tests.unit.docs.pages import ROOT
 

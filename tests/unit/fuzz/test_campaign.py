@@ -19,8 +19,9 @@ from swarm_ctl.fuzz import campaign as campaigns
 from swarm_ctl.fuzz import shrink as shrinking
 from swarm_ctl.fuzz.campaign import FLIGHTS, Campaign, DrawnFlight, write_found
 from swarm_ctl.fuzz.coverage import FAULTS, NOTHING, STEPS, WHATS, Coverage, CoverageCell, what_of
-from swarm_ctl.fuzz.draw import Data, draw
-from swarm_ctl.fuzz.invariants import Broken, Invariant
+from swarm_ctl.fuzz.draw.dice import Data
+from swarm_ctl.fuzz.draw.scenario import draw
+from swarm_ctl.fuzz.invariants.table import Broken, Invariant
 from swarm_ctl.mission.compile.loader import LoadedMission, load
 from swarm_ctl.mission.input import yaml_file
 from swarm_ctl.mission.steps.table import KINDS

@@ -18,8 +18,8 @@ from swarm_ctl.core.agent.tick import Tick
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Outcome
 from swarm_ctl.core.model.route import Routes
-from swarm_ctl.fuzz.invariants import Invariant, broken
-from swarm_ctl.fuzz.seen import Seen
+from swarm_ctl.fuzz.invariants.seen import Seen
+from swarm_ctl.fuzz.invariants.table import Invariant, broken
 from swarm_ctl.mission.input import yaml_file
 from swarm_ctl.runfolder.truth import TruthEvent
 from swarm_ctl.virtual.scenario import load_scenario, scenario_of

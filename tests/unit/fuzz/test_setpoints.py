@@ -11,7 +11,7 @@ from swarm_ctl.core.kernel import constraints, decide
 from swarm_ctl.core.kernel.constraints import Margins, Other, keep_out
 from swarm_ctl.core.kernel.heights import span
 from swarm_ctl.core.safety import safety_filter
-from swarm_ctl.fuzz.invariants import broken
+from swarm_ctl.fuzz.invariants.table import broken
 from swarm_ctl.mission.input import yaml_file
 from swarm_ctl.virtual.scenario import scenario_of
 from swarm_ctl.virtual.scenario_flight import fly_scenario

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from swarm_ctl.core.kernel.constraints import RATE, cap, margins_of
 from swarm_ctl.core.model.messages import AgentState, CommandKind
 from swarm_ctl.core.model.timeouts import FRESH_S, SILENT_FLIES_S
-from swarm_ctl.fuzz.seen import FLIES, Seen
+from swarm_ctl.fuzz.invariants.seen import FLIES, Seen
 from swarm_ctl.virtual.scenario_flight import GivenOrder
 
 _OVER_MPS: Final = 0.3

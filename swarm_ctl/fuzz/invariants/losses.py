@@ -15,7 +15,7 @@ from swarm_ctl.core.model.steps.table import AnyStep
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.timeouts import ESTIMATE_DOUBT_S
 from swarm_ctl.core.swarm.hearing import SMALL_SWARM
-from swarm_ctl.fuzz.seen import FLIES, Seen
+from swarm_ctl.fuzz.invariants.seen import FLIES, Seen
 from swarm_ctl.mavlink.telemetry.estimate import LEAST_SATELLITES
 
 ACTS_S: Final = 6.0
