@@ -305,8 +305,12 @@ def _station_gone(s: Situation) -> FailsafeTrigger | None:
 def _step_timed_out(s: Situation) -> FailsafeTrigger | None:
     progress, step = s.progress, s.progress.current
     policy = step.on_timeout if step is not None else Policy.LAND
-    if progress.finished or s.tick.now <= progress.timed_out_at or policy is Policy.CONTINUE:
+    if progress.finished or s.tick.now <= progress.timed_out_at:
         return None
+    if policy is Policy.CONTINUE:
+        if progress.done or step is None or step.climbs_to_m is None:
+            return None
+        policy = Policy.LAND  # it can't go on with a vehicle that is not up
     if s.returning and not progress.goes_home:
         return None  # the way back has its own bound
     seconds = progress.timed_out_at - progress.started_s - progress.paused_s

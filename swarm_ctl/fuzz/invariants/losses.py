@@ -156,9 +156,11 @@ def _asked(seen: Seen, status: AgentStatus) -> set[str] | None:
     if any(order.at_s <= status.time_s for order in given):
         return None  # it has failed, and does as it was ordered
     asked = {policy.value}
-    # who can't return lands; on the ground, and where all go home, nobody waits for a lost agent
+    # who can't return lands, and who is not up in time; on the ground, and where all go home,
+    # nobody waits for a lost agent
     alone = cause is Cause.PEER and (not status.airborne or step is None or step.goes_home)
-    if policy is Policy.RETURN or alone:
+    climbs = cause is Cause.TIMEOUT and step is not None and step.climbs_to_m is not None
+    if policy is Policy.RETURN or alone or climbs:
         asked.add(FailsafeAction.LAND.value)
     return asked
 

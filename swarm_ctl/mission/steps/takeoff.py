@@ -18,7 +18,7 @@ _SPOOL_UP_S: Final = 30.0
 
 
 class TakeoffSection(TimedSection):
-    """Set the autopilot's mode, arm and climb."""
+    """Set the autopilot's mode, arm and climb. Who is not up in time never goes on: it lands."""
 
     height_m: float = Field(ge=1, le=120)
     """Above each vehicle's own take-off point."""

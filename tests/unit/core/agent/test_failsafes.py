@@ -25,7 +25,9 @@ from swarm_ctl.core.model.messages import CommandKind, Outcome, Phase, ReturnSta
 from swarm_ctl.core.model.plan import Fence, Plan, Policies, Policy
 from swarm_ctl.core.model.route import Routes
 from swarm_ctl.core.model.steps.follow import FollowStep
+from swarm_ctl.core.model.steps.land import LandStep
 from swarm_ctl.core.model.steps.return_ import ReturnStep
+from swarm_ctl.core.model.steps.takeoff import TakeoffStep
 from swarm_ctl.core.model.vehicle import GlobalFix
 from tests.unit.core.builders import (
     HOLD,
@@ -46,6 +48,7 @@ from tests.unit.core.builders import (
 INFINITE = float("inf")
 FENCE = Fence(((-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)), 20.0)
 FENCED = plan(fence=FENCE)
+UP_OR_ON = plan(steps=(TakeoffStep(10.0, 60.0, Policy.CONTINUE), LandStep(60.0)))
 LEFT = {3: "agent 3 was landed by the operator"}
 
 
@@ -450,6 +453,16 @@ ROWS = [
     Row(
         "late, and the step goes on",
         case(seen={"now": OVER}, of=plan(ReturnStep(60.0, Policy.CONTINUE)), step=LAST),
+    ),
+    Row(
+        "not up in time, and the step goes on",
+        case(seen={"now": OVER}, of=UP_OR_ON, step=1),
+        LANDS,
+        "step 1 (takeoff) timed out after 60 s: this agent was not done",
+        step_outcome=TIMEOUT,
+    ),
+    Row(
+        "up in time, and the step goes on", case(seen={"now": OVER}, of=UP_OR_ON, step=1, done=True)
     ),
     Row(
         "late in preparation",
