@@ -69,12 +69,14 @@ def pairs_are_apart(seen: Seen) -> Iterator[str]:
 
 
 def _lands_unheard(seen: Seen, agent: int) -> npt.NDArray[np.bool_]:
-    """(T,): while its vehicle is without an agent."""
+    """(T,): while its vehicle is without an agent, or with a new one that has not taken it over."""
     time_s, found = seen.truth.time_s, np.zeros(len(seen.truth.time_s), dtype=np.bool_)
     for each in seen.of("kill", "stop"):
         if agent in (each.kill or each.stop or ()):
             again = (b.at_s for b in seen.of("restart") if agent in (b.restart or ()))
-            ends = [at_s for at_s in again if at_s > each.at_s]
+            begins_s = min((at_s for at_s in again if at_s > each.at_s), default=math.inf)
+            said = (s for s in seen.statuses[agent] if s.time_s > begins_s)
+            ends = [s.time_s for s in said if s.step > 0][:1]
             ends += [each.until_s] if each.for_s else []
             found |= (time_s > each.at_s) & (time_s < min(ends, default=math.inf) + BRAKES_S)
     return found
