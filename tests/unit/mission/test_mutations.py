@@ -118,6 +118,13 @@ def answered(text: str) -> None:
         assert not PARSER.search(str(problem)), "nor a parser's"
 
 
+def test_a_group_that_is_not_declared_is_named() -> None:
+    """Its shape has no slot to be checked: that raised."""
+    text = next(text for text in TEXTS if "\nname: groups\n" in text)
+    with pytest.raises(MissionError, match="there is no group 'scouts'"):
+        loads(re.sub(r"\n  scouts: \[.*", "", text), "m.yaml")
+
+
 @settings(max_examples=75)
 @given(mutated())
 def test_a_slip_in_a_ready_mission_is_a_plan_or_mistakes_with_their_place(text: str) -> None:
