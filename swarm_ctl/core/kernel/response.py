@@ -64,7 +64,7 @@ def coasted(
     """Place and velocity after this part of a tick, once the setpoint `acting` acts."""
     dv = (acting - v) * model.share
     size = abs(dv)
-    if size > model.bound or part != 1.0:  # mostly not: a root and a quotient are slow
+    if size > model.bound or part != 1.0:  # mostly not, and a quotient is slow
         dv = dv * (part * model.bound / max(size, model.bound))
     return x + part * model.tick_s * (v + 0.5 * dv), v + dv
 
