@@ -103,7 +103,7 @@ class FlownGroup:
         broken = (
             result.end_s
             for status in (last.status for last in self.last.values())
-            for result in (status.steps if status.left is None else ())
+            for result in (status.steps[-1:] if status.left is None else ())
             if result.result in (StepOutcome.ABORTED, StepOutcome.TIMEOUT)
             and result.end_s is not None
         )

@@ -8,7 +8,7 @@ from functools import cache
 import pytest
 
 from swarm_ctl.core.law.formation import formation_error
-from swarm_ctl.core.model.messages import AgentStatus, Outcome
+from swarm_ctl.core.model.messages import AgentStatus, Outcome, StepOutcome
 from swarm_ctl.core.model.steps.goto import GotoStep
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from tests.on_demand import on_demand
@@ -100,6 +100,26 @@ def status_role(swarm: VirtualSwarm, agent: int) -> int:
     began = began_s(swarm, agent, since_s)
     roles = [role for at_s, role in status(swarm, agent).roles if at_s >= began]
     return roles[-1] if roles else ids.index(agent)
+
+
+def test_a_group_goes_on_when_the_time_of_its_barrier_is_over() -> None:
+    """It says without whom, tells the step as timed out, and flies its next one alone; at the end
+    of the split it waits for the others, and the mission is completed."""
+    late = MEET.replace("{name: ridge}", "{name: ridge, timeout_s: 15, on_timeout: continue}", 1)
+    swarm = at_step(parted(late.replace("duration_s: 12", "duration_s: 60")), SPLIT)
+    swarm.fly()
+    for agent in WEST:
+        waited = status(swarm, agent).steps[5]
+        assert waited.result is StepOutcome.TIMEOUT
+        assert waited.end_s == pytest.approx(waited.start_s + 15.0, abs=0.2)
+        assert began_s(swarm, agent, 6) == waited.end_s < began_s(swarm, EAST[0], 5) - 20.0
+    told = {(e.agent, e.text) for e in swarm.events if "time is over" in e.text}
+    assert told == {
+        (i, "barrier ridge: its time is over, goes on without agents 2, 4") for i in WEST
+    }
+    last = swarm.plan.groups[-1].before + 1
+    assert min(began_s(swarm, i, last) for i in ALL) > began_s(swarm, EAST[0], 5)
+    assert set(swarm.outcomes().values()) == {Outcome.COMPLETED}
 
 
 def test_groups_meet_at_a_barrier_and_are_one_again() -> None:

@@ -556,7 +556,8 @@ class Agent:
             self._enter(None, None)
             return
         told = group.told(tick, airborne=self._vehicle.was_armed)
-        if group.routes.open_to(self._id, progress.step, told):
+        late = group.routes.late(self._id, progress.step, told)
+        if not late or group.goes_on_without(late, now):
             group.go_on(now)
             self._enter_step(now)
 

@@ -186,6 +186,18 @@ class Group:
         recent = peer.silent_s <= self._policies.agent_lost_after_s
         return told if completed or recent else (-1, False)
 
+    def goes_on_without(self, late: list[int], now: float) -> bool:
+        """These are of other groups, and the step's policy waits no longer for them."""
+        progress, step = self.progress, self.progress.current
+        if step is None or step.on_timeout is not Policy.CONTINUE or now <= progress.timed_out_at:
+            return False
+        if not set(late).isdisjoint(self.ids):
+            return False
+        text = f"{progress.name}: its time is over, goes on without {agents_named(late)}"
+        self._log.say(now, Severity.WARNING, text)
+        progress.run_out(now)
+        return True
+
     def go_on(self, now: float) -> None:
         """To the next step, and with it, where the swarm splits or joins, to another group."""
         self.progress.advance(now)

@@ -100,6 +100,10 @@ class Progress:
             self.done = True
             self._close(outcome, now)
 
+    def run_out(self, now: float) -> None:
+        """The current step's time is over, as it waits for others; the mission goes on."""
+        self._close(StepOutcome.TIMEOUT, now)
+
     def break_off(self, outcome: StepOutcome, now: float) -> None:
         """The current step ends early, and the mission with it; it ends once, whatever comes after
         that."""

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Final
 
-from swarm_ctl.core.model.plan import GroupPlan, Plan
+from swarm_ctl.core.model.plan import GroupPlan, Plan, Policy
 from swarm_ctl.core.model.steps.table import AnyStep
 
 
@@ -69,19 +69,25 @@ class Routes:
             self._awaited[agent, number] = known
         return known
 
-    def open_to(self, agent: int, number: int, told: Mapping[int, tuple[int, bool]]) -> bool:
-        """Whether the others let this agent go on after its step of this number, by the progress
-        (step, done) that each of those tells for whom it waits."""
+    def late(self, agent: int, number: int, told: Mapping[int, tuple[int, bool]]) -> list[int]:
+        """Who keeps this agent from going on after its step of this number, by the progress (step,
+        done) that each of those tells for whom it waits."""
         waits = self.awaited(agent, number)
-        return all(progress >= (waits[other], True) for other, progress in told.items())
+        return [other for other, progress in told.items() if progress < (waits[other], True)]
 
     def proven(self, agent: int, other: int, number: int) -> int:
         """The furthest step that this agent must be in, because the other one is in the step of
-        this number."""
+        this number; a step that goes on when its time is over proves nothing of other groups."""
         route, way = self.of[agent], self.of[other]
         if agent in way.group(number).members:
             return number
-        passed = [self.awaited(other, k).get(agent, -1) + 1 for k in range(number)]
+        passed = [
+            self.awaited(other, k).get(agent, -1) + 1
+            for k in range(number)
+            if k == 0
+            or way.steps[k - 1].on_timeout is not Policy.CONTINUE
+            or agent in way.group(k).members
+        ]
         return min(max(passed, default=0), len(route.steps))
 
 

@@ -136,7 +136,7 @@ class _BrokeOff(NamedTuple):
 
 def _broke_off(seen: Seen) -> list[_BrokeOff]:
     """All of them that no order took away before, the first one first."""
-    found = []
+    found = list[_BrokeOff]()
     for agent in set(seen.ids) - seen.elsewhen:
         last = seen.statuses[agent][-1:]
         own = last and last[0].outcome is Outcome.FAILED and last[0].left is None
@@ -144,9 +144,11 @@ def _broke_off(seen: Seen) -> list[_BrokeOff]:
         if cause in (None, Cause.PEER, Cause.ORDER, Cause.STARTER):
             continue
         broken = (StepOutcome.ABORTED, StepOutcome.TIMEOUT)
-        broke = [s.end_s for s in last[0].steps if s.result in broken and s.end_s is not None]
-        if broke:
-            found.append(_BrokeOff(agent, min(broke), cause, last[0].reason))
+        found += [
+            _BrokeOff(agent, step.end_s, cause, last[0].reason)
+            for step in last[0].steps[-1:]
+            if step.result in broken and step.end_s is not None
+        ]
     return sorted(found, key=lambda each: each.at_s)
 
 

@@ -211,7 +211,7 @@ def _group(plan: Plan | None, status: AgentStatus) -> str:
 def _broken_s(status: AgentStatus) -> float:
     """When the agent broke the mission off: the first one has the cause, the others follow it."""
     broken = (StepOutcome.ABORTED, StepOutcome.TIMEOUT)
-    ends = (step.end_s for step in status.steps if step.result in broken)
+    ends = (step.end_s for step in status.steps[-1:] if step.result in broken)
     return min((end_s for end_s in ends if end_s is not None), default=math.inf)
 
 

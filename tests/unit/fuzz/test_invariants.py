@@ -371,13 +371,13 @@ def test_groups_that_do_not_wait_for_each_other(monkeypatch: pytest.MonkeyPatch)
     assert (
         broken(split([{"at_s": 22, "order": "hold @blue"}, {"at_s": 30, "order": "resume"}])) == []
     )
-    waits = Routes.open_to
+    waits = Routes.late
 
-    def alone(self: Routes, agent: int, number: int, told: Any) -> bool:
+    def alone(self: Routes, agent: int, number: int, told: Any) -> list[int]:
         own = self.of[agent].group(number).members
         return waits(self, agent, number, {i: step for i, step in told.items() if i in own})
 
-    monkeypatch.setattr(Routes, "open_to", alone)
+    monkeypatch.setattr(Routes, "late", alone)
     assert Invariant.TOGETHER in kinds(split([]))
 
 

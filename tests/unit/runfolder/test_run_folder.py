@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.core.model.messages import AgentStatus
+from swarm_ctl.core.model.messages import AgentStatus, StepOutcome
 from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.recording.mcap_recorder import McapRecorder
 from swarm_ctl.recording.run_recorder import RunRecorder
-from swarm_ctl.runfolder.last_statuses import read_statuses
-from swarm_ctl.runfolder.run_folder import zone_spells
-from tests.unit.report.run_folders import PLAN
+from swarm_ctl.runfolder.last_statuses import LastStatus, read_statuses
+from swarm_ctl.runfolder.run_folder import RunFolder, zone_spells
+from tests.unit.report.run_folders import PLAN, STEPS, account, manifest
 from tests.unit.station.swarm import status_of
 
 OLD, NEW, LAST = (Zone(name, ((50.0, 5.0 * k),), 1.0, 1.25) for k, name in enumerate("abc"))
@@ -33,6 +33,18 @@ def spells(words: Words) -> list[tuple[str, float, float]]:
     said = [status_of(PLANNED, i, at, zones=z) for i, told in words.items() for at, z in told]
     found = zone_spells(PLANNED, said)
     return [(zone.name, from_s, until_s) for zone, from_s, until_s in found]
+
+
+def test_a_step_that_ran_out_of_time_begins_no_landing() -> None:
+    """The mission went on after it; a landing begins with the step that is the last."""
+    went_on = [*STEPS[:2], replace(STEPS[2], result=StepOutcome.TIMEOUT, end_s=30.0)]
+    begun = replace(STEPS[3], start_s=30.0, end_s=None, result=StepOutcome.RUNNING)
+    broken = replace(begun, end_s=40.0, result=StepOutcome.ABORTED)
+    for last, landing_s in ((begun, math.inf), (broken, 40.0)):
+        steps = (*went_on, last)
+        told = {i: LastStatus(account(i, steps=steps), final=True) for i in (1, 2)}
+        run = RunFolder(manifest(), None, {}, None, agents=(1, 2), last=told, notes=[])
+        assert run.landing_s() == landing_s
 
 
 def test_zones_are_in_force_while_most_agents_say_so() -> None:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarm_ctl.core.agent.progress import Progress
-from swarm_ctl.core.model.plan import GroupPlan, Plan
+from swarm_ctl.core.model.plan import GroupPlan, Plan, Policy
 from swarm_ctl.core.model.route import Routes, flight_s
 from swarm_ctl.core.model.steps.barrier import BarrierStep
 from swarm_ctl.core.model.steps.hold import HoldStep
@@ -19,11 +19,12 @@ from tests.unit.core.builders import plan
 
 HOLD, LAND = HoldStep(10.0, 40.0), LandStep(60.0)
 MEET, JOIN = BarrierStep("ridge", 60.0), BarrierStep("join 1", 60.0)
+GOES_ON = replace(MEET, on_timeout=Policy.CONTINUE)
 ONE, OTHER, HOME = (1, 2), (3, 4, 5), (6,)
 NEVER = (-1, False)
 
 
-def parted() -> Plan:
+def parted(meet: BarrierStep = MEET) -> Plan:
     """All take off; two groups fly their own steps with one barrier between them, a third lands;
     the two join."""
     made = plan(agents=6)
@@ -33,8 +34,8 @@ def parted() -> Plan:
         return GroupPlan(name, tuple(agents[i] for i in ids), steps, before, 8.0)  # type: ignore[arg-type]
 
     whole = GroupPlan("all", made.agents, (TakeoffStep(8.0, 60.0), HOLD))
-    one = group("one", ONE, 2, HOLD, MEET, JOIN, JOIN)
-    other = group("other", OTHER, 2, HOLD, HOLD, MEET, JOIN)
+    one = group("one", ONE, 2, HOLD, meet, JOIN, JOIN)
+    other = group("other", OTHER, 2, HOLD, HOLD, meet, JOIN)
     return replace(
         made,
         groups=(
@@ -57,7 +58,7 @@ def go_on(agent: int, progress: Progress, heard: dict[int, tuple[int, bool]]) ->
     """As an agent does after each tick."""
     waits = ROUTES.awaited(agent, progress.step)
     told = {i: heard[i] for i in waits if i != agent}
-    if progress.done and not progress.finished and ROUTES.open_to(agent, progress.step, told):
+    if progress.done and not progress.finished and not ROUTES.late(agent, progress.step, told):
         progress.advance(0.0)
 
 
@@ -124,6 +125,17 @@ def test_what_another_agent_proves_is_true(data: st.DataObject) -> None:
         agents[i].finish_step(0.0)
         go_on(i, agents[i], heard)
     assert agents[i].step >= ROUTES.proven(i, j, agents[j].step)
+
+
+def test_a_barrier_that_is_left_when_its_time_is_over_proves_nothing_of_the_other_group() -> None:
+    """An agent that is further tells those of its group where they are, and the others only that
+    the swarm has parted, up to where all join again."""
+    routes = Routes(parted(GOES_ON))
+    past = routes.of[1].barriers["ridge"] + 1
+    assert routes.proven(2, 1, past) == past
+    assert {routes.proven(i, 1, past) for i in OTHER} == {3}
+    assert {ROUTES.proven(i, 1, past) for i in OTHER} == {6}
+    assert {routes.proven(i, 1, LAST[1]) for i in OTHER} == {LAST[3]}
 
 
 def test_a_group_begins_when_the_last_of_its_agents_has_come() -> None:

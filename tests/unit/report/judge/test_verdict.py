@@ -131,6 +131,23 @@ ROWS: Final = [
         " agent 2 broke off",
         cause=Cause.BATTERY,
     ),
+    Row(
+        "a step whose time is over, and after which the mission goes on, breaks nothing off",
+        {
+            1: low(30.0)
+            | {
+                "reason": "later",
+                "steps": (
+                    *STEPS[:2],
+                    StepResult("form hexagon", StepOutcome.TIMEOUT, FORM, 22.0),
+                    StepResult("hold", StepOutcome.ABORTED, 22.0, 30.0),
+                ),
+            },
+            2: low(25.0) | {"reason": "first"},
+        },
+        reason="agent 2: first, in step 2 (form hexagon); agent 1: later",
+        cause=Cause.BATTERY,
+    ),
     # what no agent can see
     Row(
         "a slow machine",
