@@ -42,8 +42,8 @@ def test_a_step_that_ran_out_of_time_begins_no_landing() -> None:
     broken = replace(begun, end_s=40.0, result=StepOutcome.ABORTED)
     for last, landing_s in ((begun, math.inf), (broken, 40.0)):
         steps = (*went_on, last)
-        told = {i: LastStatus(account(i, steps=steps), final=True) for i in (1, 2)}
-        run = RunFolder(manifest(), None, {}, None, agents=(1, 2), last=told, notes=[])
+        told = {i: LastStatus(account(i, steps=steps), final=True) for i in range(1, 7)}
+        run = RunFolder(manifest(), None, {}, None, agents=tuple(told), last=told, notes=[])
         assert run.landing_s() == landing_s
 
 
