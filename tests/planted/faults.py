@@ -31,8 +31,8 @@ FAULTS: Final = (
         "barrier-begun",
         "goes on when the others have begun the step, not when they are done",
         "swarm_ctl/core/model/route.py",
-        "all(progress >= (waits[other], True) for",
-        "all(progress >= (waits[other], False) for",
+        "if progress < (waits[other], True)]",
+        "if progress < (waits[other], False)]",
     ),
     Fault(
         "barrier-pause",
@@ -184,8 +184,9 @@ FAULTS: Final = (
         "barrier-any",
         "goes on when one of the others is done",
         "swarm_ctl/core/model/route.py",
-        "all(progress >= (waits[other], True) for",
-        "any(progress >= (waits[other], True) for",
+        "return [other for other, progress in told.items() if progress < (waits[other], True)]",
+        "late = [i for i, progress in told.items() if progress < (waits[i], True)]; "
+        "return late if len(late) == len(told) else []",
     ),
     Fault(
         "barrier-own",
