@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -141,6 +141,24 @@ def _is_another(before: AgentStatus, last: AgentStatus) -> bool:
 
 def _succeeded(before: AgentStatus, last: AgentStatus) -> bool:
     return last.outcome is not Outcome.RUNNING and _is_another(before, last)
+
+
+def shifted(status: AgentStatus, by_s: float) -> AgentStatus:
+    """The status with all times of its flight so much later."""
+
+    def moved(step: StepResult) -> StepResult:
+        end_s = None if step.end_s is None else step.end_s + by_s
+        return replace(step, start_s=step.start_s + by_s, end_s=end_s)
+
+    left = status.left
+    return replace(
+        status,
+        time_s=status.time_s + by_s,
+        steps=tuple(map(moved, status.steps)),
+        roles=tuple((since_s + by_s, role) for since_s, role in status.roles),
+        closings=tuple((at_s + by_s, fewer, k) for at_s, fewer, k in status.closings),
+        left=left and replace(left, time_s=left.time_s + by_s),
+    )
 
 
 def read_statuses(folder: Path, notes: list[str]) -> Iterator[AgentStatus]:

@@ -18,7 +18,7 @@ from swarm_ctl.runfolder.truth import Bools, Floats
 
 KNOWN_S: Final = NEIGHBOUR_S
 """Between two states this far apart at most, a vehicle flew straight; else its place is unknown."""
-_ONE_CLOCK_S: Final = 1.0
+ONE_CLOCK_S: Final = 1.0
 """An agent's clock that differs less from the station's is the same one, and delays are small."""
 _NO_WORD: Final = (Phase.CONNECT, Phase.PREPARE)
 """Of an agent that has just started: it does not know its vehicle yet."""
@@ -141,7 +141,7 @@ def read_tracks(
             if not found or _is_new(payload, found[-1]):
                 found.append(_Process())
             found[-1].take(payload, message.time_s)
-    one_clock_s = 0.0 if elsewhere else _ONE_CLOCK_S
+    one_clock_s = 0.0 if elsewhere else ONE_CLOCK_S
     return {agent: _track(found, one_clock_s) for agent, found in processes.items() if found}
 
 

@@ -21,9 +21,10 @@ from swarm_ctl.recording.run_recorder import RunRecorder
 from swarm_ctl.report.judge.summarise import summarise, summary_of
 from swarm_ctl.report.judge.summary import Summary, write_summary
 from swarm_ctl.runfolder.files import Damage
-from swarm_ctl.runfolder.last_statuses import FINAL, last_statuses, of_processes
+from swarm_ctl.runfolder.last_statuses import FINAL, last_statuses, of_processes, shifted
 from swarm_ctl.runfolder.manifest import Manifest, package_versions, write_manifest
 from swarm_ctl.runfolder.run_folder import RunFolder, flown, zone_spells
+from swarm_ctl.runfolder.tracks import ONE_CLOCK_S
 from swarm_ctl.runfolder.truth import TRUTH, Truth, truth_line, truth_of
 from swarm_sim.config import SimConfig
 from swarm_sim.world.truth_recorder import TruthFile, TruthRecorder
@@ -76,6 +77,8 @@ class Account:
         self._lines: list[dict[str, Any]] = []
         self.statuses: list[AgentStatus] = []
         self.finals: dict[int, AgentStatus] = {}
+        self._behind_s: dict[int, float] = {}
+        """The station's clock less the agent's, by its newest word."""
         self.events: list[Event] = []
         self.states: list[bytes] = []
         """Each state of an agent, encoded as on the mesh."""
@@ -128,6 +131,7 @@ class Account:
     def hear(self, statuses: list[AgentStatus], events: list[Event], now: float) -> None:
         """What the station took in a tick."""
         self.statuses += statuses
+        self._behind_s |= {status.agent: now - status.time_s for status in statuses}
         self.events += events
         if self._node is not None:
             for channel in _HEARD:
@@ -144,8 +148,13 @@ class Account:
         self.finals[agent] = status
         if self._folder is not None:
             (self._folder / FINAL).mkdir(exist_ok=True)
-            data = TypeAdapter(AgentStatus).dump_json(status, indent=1)
+            data = TypeAdapter(AgentStatus).dump_json(self._by_one_clock(status), indent=1)
             (self._folder / FINAL / f"{agent}.json").write_bytes(data)
+
+    def _by_one_clock(self, status: AgentStatus) -> AgentStatus:
+        """An agent's last word by the station's clock, as a station records it."""
+        behind_s = self._behind_s.get(status.agent, 0.0)
+        return shifted(status, behind_s) if abs(behind_s) > ONE_CLOCK_S else status
 
     def judge(self, killed: Mapping[str, bool]) -> tuple[Summary, Truth]:
         """The flight's summary and truth, once that is closed. `killed`: all processes that a run
@@ -194,7 +203,7 @@ class Account:
             found = self.finals.get(agent)
             if found is None:
                 notes.append(f"agent {agent}: it left no account of its end")
-            return found
+            return found and self._by_one_clock(found)
 
         return final_of
 

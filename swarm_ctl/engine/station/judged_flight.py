@@ -10,14 +10,14 @@ import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from pydantic import TypeAdapter, ValidationError
 
 from swarm_ctl.commands.parse import Order
-from swarm_ctl.core.model.messages import AgentState, AgentStatus, Outcome, Payload, StepResult
+from swarm_ctl.core.model.messages import AgentState, AgentStatus, Outcome, Payload
 from swarm_ctl.engine import clock as wall
 from swarm_ctl.engine.flying_runs import make_folder
 from swarm_ctl.engine.interrupts import Interrupts
@@ -35,7 +35,7 @@ from swarm_ctl.report.judge.summary import Summary, write_summary
 from swarm_ctl.report.judge.verdict import Ending
 from swarm_ctl.rim import Rim, Trouble
 from swarm_ctl.runfolder.files import Damage, read_lines
-from swarm_ctl.runfolder.last_statuses import FINAL
+from swarm_ctl.runfolder.last_statuses import FINAL, shifted
 from swarm_ctl.runfolder.manifest import Manifest, package_versions, write_manifest
 from swarm_ctl.runfolder.truth import TRUTH, TruthHeader
 from swarm_ctl.station.picture.view import AgentView
@@ -237,24 +237,6 @@ class Accounts(RunRecorder):
                 later = shifted(status, self._behind_s[agent])
                 with replacing(self._folder / f"{agent}.json") as file:
                     file.write(_STATUS.dump_json(later, indent=1))
-
-
-def shifted(status: AgentStatus, by_s: float) -> AgentStatus:
-    """The status with all times of its flight so much later."""
-
-    def moved(step: StepResult) -> StepResult:
-        end_s = None if step.end_s is None else step.end_s + by_s
-        return replace(step, start_s=step.start_s + by_s, end_s=end_s)
-
-    left = status.left
-    return replace(
-        status,
-        time_s=status.time_s + by_s,
-        steps=tuple(map(moved, status.steps)),
-        roles=tuple((since_s + by_s, role) for since_s, role in status.roles),
-        closings=tuple((at_s + by_s, fewer, k) for at_s, fewer, k in status.closings),
-        left=left and replace(left, time_s=left.time_s + by_s),
-    )
 
 
 _FRESH_WALL_S: Final = 2.0
