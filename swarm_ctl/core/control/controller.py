@@ -354,7 +354,7 @@ class Controller:
             if other.state is None or other.followed:
                 continue
             apart, age_s = own - other.stop_point, other.age_at_most_s
-            away = nearest(apart, other.setpoint, flown_s(age_s, fresh=False))
+            away = nearest(apart, other.setpoint, flown_s(age_s, fresh=False, rare=other.rare))
             room_m = abs(away) - passed_at(age_s, safety.margins)
             if room_m < safety.margins.zone:
                 side, fails = self._sides.get(other.id, (0j, 0))

@@ -19,7 +19,7 @@ import math
 from typing import Final, NamedTuple
 
 from swarm_ctl.core.model.plan import LawParameters, Response
-from swarm_ctl.core.model.timeouts import PREDICT_S, SILENT_FLIES_S
+from swarm_ctl.core.model.timeouts import FAR_LATE_S, PREDICT_S, SILENT_FLIES_S
 
 RATE: Final = 2.0
 """[1/s] of the room that is left; bears news up to 1 / (e rate) = 0.18 s old. With 3, vehicles that
@@ -163,8 +163,8 @@ class Other(NamedTuple):
     """The velocity it was told to fly."""
     age_s: float
     """Of that news, at most."""
-    fresh: bool
-    """The news is at most `FRESH_S` old."""
+    flown_s: float
+    """For so long it may have flown on since (`flown_s`)."""
     yields: bool
     """It does its half of keeping apart."""
     response_s: float
@@ -181,7 +181,7 @@ NO_OTHER: Final = Other(
     apart=0j,
     setpoint=0j,
     age_s=0.0,
-    fresh=False,
+    flown_s=0.0,
     yields=False,
     response_s=0.0,
     along=False,
@@ -195,9 +195,12 @@ def flies_with(setpoint: complex, moving: complex) -> bool:
     return along >= _WITH * (moving * moving.conjugate()).real
 
 
-def flown_s(age_s: float, fresh: bool) -> float:
-    """For so long it may have flown on with its setpoint."""
-    return age_s if fresh else SILENT_FLIES_S
+def flown_s(age_s: float, fresh: bool, rare: bool) -> float:
+    """For so long it may have flown on with the setpoint of its news; `rare`: of a far word, which
+    one of a silent agent's last ticks need not have been."""
+    if fresh:
+        return age_s
+    return SILENT_FLIES_S + FAR_LATE_S if rare else SILENT_FLIES_S
 
 
 def nearest(apart: complex, setpoint: complex, seconds: float) -> complex:
@@ -217,7 +220,7 @@ def constrains(
     distance: float,
     setpoint: complex,
     age_s: float,
-    fresh: bool,
+    flown_s: float,
     yields: bool,
     reach: float,
     margins: Margins,
@@ -228,13 +231,13 @@ def constrains(
         distance: from the own stop point to its.
         setpoint: as in `Other`, as the next three.
         age_s: of the news.
-        fresh: it is.
+        flown_s: for so long it may have flown on.
         yields: it does its half.
         reach: `margins.reach`, or less where less is unsure.
         margins: lengths and speeds.
     """
-    grows_s = age_s if fresh and yields else _GROWS_S
-    flown = abs(setpoint) * flown_s(age_s, fresh)
+    grows_s = age_s if yields else _GROWS_S
+    flown = abs(setpoint) * flown_s
     return distance < margins.keep_out + reach + flown + margins.growth * grows_s
 
 
@@ -244,7 +247,7 @@ def keep_out(other: Other, margins: Margins) -> tuple[complex, float, float]:
     apart = other.apart
     if abs(apart) <= _ONE_SPOT:
         apart = complex(_ONE_SPOT if other.lower else -_ONE_SPOT, 0.0)
-    q = nearest(apart, other.setpoint, flown_s(other.age_s, other.fresh))
+    q = nearest(apart, other.setpoint, other.flown_s)
     x = abs(q)
     room = x - (margins.keep_out + margins.growth * min(other.age_s, _GROWS_S))
     share = 0.5 if other.yields else 1.0

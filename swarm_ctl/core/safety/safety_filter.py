@@ -38,9 +38,10 @@ from swarm_ctl.core.kernel.wish import NO_RELEASE, SWIRL_OFF, limited, noted, sw
 from swarm_ctl.core.law.own_response import OwnResponse
 from swarm_ctl.core.model.messages import SafetyReport
 from swarm_ctl.core.model.plan import HEIGHT_DOUBT_M, Plan, Point, Response
-from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
+from swarm_ctl.core.model.timeouts import FAR_LATE_S, NEIGHBOUR_S
 from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.safety.surroundings import Surroundings
+from swarm_ctl.core.swarm.hearing import hears_all
 from swarm_ctl.core.swarm.plausibility import HeightJumps
 from swarm_ctl.core.swarm.snapshot import Formation, OtherAircraft, PeerSnapshot
 
@@ -80,7 +81,9 @@ class SafetyFilter:
         first."""
         self._swirl_off_m = (plan.law.r_out + SWIRL_OFF) * plan.unit_m
         self.reach_m = max(self.margins.farthest, self._swirl_off_m)
-        """An aircraft farther away constrains nothing."""
+        """An aircraft farther away constrains nothing, unless it fell silent after a far word."""
+        rare_m = 0.0 if hears_all(plan) else self.margins.speed * FAR_LATE_S
+        self._looks_m = self.reach_m + rare_m
         # a link that was told up to `NEIGHBOUR_S` ago may be so much longer by now
         self._stretched_m = self.margins.guards_from - self.margins.speed * NEIGHBOUR_S
         self._looked: tuple[PeerSnapshot | None, list[OtherAircraft]] = (None, [])
@@ -210,15 +213,16 @@ class SafetyFilter:
         near: list[Other] = []
         margins, key = self.margins, formation.key
         reach, own_id, constrains = margins.reach, self._own, constraints.constrains
+        may_fly_s = constraints.flown_s
         for other in self.near(snapshot, own):
             apart, setpoint, age_s = own - other.stop_point, other.setpoint, other.age_at_most_s
-            fresh, yields = other.fresh, other.yields
-            if constrains(abs(apart), setpoint, age_s, fresh, yields, reach, margins):
+            yields, flown_s = other.yields, may_fly_s(age_s, other.fresh, other.rare)
+            if constrains(abs(apart), setpoint, age_s, flown_s, yields, reach, margins):
                 about, responds_s = other.id, other.response_s
                 along = other.formation == key and flies_with(setpoint, formation.velocity)
                 lower = own_id < about
                 near.append(
-                    Other(about, lower, apart, setpoint, age_s, fresh, yields, responds_s, along)
+                    Other(about, lower, apart, setpoint, age_s, flown_s, yields, responds_s, along)
                 )
         return near
 
@@ -257,7 +261,7 @@ class SafetyFilter:
     def near(self, snapshot: PeerSnapshot, own: complex) -> list[OtherAircraft]:
         """All aircraft that may constrain this tick; looked up once a snapshot."""
         if self._looked[0] is not snapshot:
-            self._looked = (snapshot, snapshot.near(own, self.reach_m))
+            self._looked = (snapshot, snapshot.near(own, self._looks_m))
         return self._looked[1]
 
 
@@ -381,7 +385,7 @@ class Layers:
             apart=own - other.stop_point,
             setpoint=other.setpoint,
             age_s=other.age_at_most_s,
-            fresh=other.fresh,
+            flown_s=constraints.flown_s(other.age_at_most_s, other.fresh, other.rare),
             yields=other.yields,
             response_s=other.response_s,
             along=False,

@@ -314,6 +314,7 @@ class Peer:
             self.expelled,
             suspect,
             late_s > 0.0,
+            self.true_s < self.near_s,
             self.true_s,
             abs(self._heights.off_m),
             now - self.listened_s,

@@ -72,6 +72,8 @@ class OtherAircraft(NamedTuple):
     far: bool = False
     """It is heard now and then: all limits of its age come `FAR_LATE_S` later, and `age_s` may be
     that of a tick before."""
+    rare: bool = False
+    """Its newest state was a far word."""
     true_s: float = -math.inf
     """When its state was true, on the own clock."""
     height_off_m: float = 0.0

@@ -415,7 +415,7 @@ class Rehearsal:
                 self._setpoint[j] / unit_m,
                 response_s(self._estimate[j], self._model),
             )
-            known = (setpoint, 0.0, True, True)
+            known = (setpoint, 0.0, 0.0, True)
             if constrains(float(apart[j]), *known, margins.reach, margins):
                 lower = self._ids[i] < self._ids[j]
                 found.append(

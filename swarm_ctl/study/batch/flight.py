@@ -574,7 +574,8 @@ def _act(
     r_out, off = s.r_out * s.r_out, s.swirl_off * s.swirl_off
     long = max(margins.guards_from - margins.speed * PREDICT_S - _ROUNDING, 0.0)
     wide = margins.keep_out + margins.reach + (margins.speed + margins.growth) * FRESH_S
-    wide = max(wide, margins.farthest) + 2.0 * _ROUNDING
+    farthest = margins.farthest + (margins.speed * FAR_LATE_S if s.far else 0.0)
+    wide = max(wide, farthest) + 2.0 * _ROUNDING
     wide, long = wide * wide, long * long
     expected_s = s.model.dead_time_s + s.model.lag_s
     for i in range(n):
@@ -615,9 +616,10 @@ def _act(
                 reach = min(margins.reach, minded(doubt_s + differs_s, margins) + _ROUNDING)
                 half = margins.keep_out + reach + (margins.speed + margins.growth) * age_s
                 if not yields:
-                    half = max(half, margins.farthest)
+                    half = max(half, farthest)
+                gone_s = flown_s(age_s, fresh, s.far and q.sent_at < q.heard_from)
                 if squared < half * half and constrains(
-                    math.sqrt(squared), q.flies, age_s, fresh, yields, reach, margins
+                    math.sqrt(squared), q.flies, age_s, gone_s, yields, reach, margins
                 ):
                     other = Other(
                         about=j,
@@ -625,7 +627,7 @@ def _act(
                         apart=apart,
                         setpoint=q.flies,
                         age_s=age_s,
-                        fresh=fresh,
+                        flown_s=gone_s,
                         yields=yields,
                         response_s=theirs_s,
                         along=True,
@@ -748,7 +750,8 @@ def _in_file(
             continue
         q, age_s = pair[i, j], (tick - pair[i, j].sent_at) * s.tick_s
         if age_s > NEIGHBOUR_S + _late_s(q.heard_from, begun, s.far):
-            away = nearest(own - q.told, q.flies, flown_s(age_s, False))
+            rare = s.far and q.sent_at < q.heard_from
+            away = nearest(own - q.told, q.flies, flown_s(age_s, False, rare))
             room = abs(away) - passed_at(age_s, s.margins)
             if room < s.margins.zone:
                 if q.passes == 0j:

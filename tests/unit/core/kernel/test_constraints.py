@@ -49,7 +49,7 @@ def test_caution_is_as_wide_as_the_top_speed_asks(unit_m: float, speed_mps: floa
 
 def heard(setpoint: complex = 0j, age_s: float = 0.0, *, yields: bool = True) -> Other:
     """Another aircraft whose news is fresh."""
-    return Other(2, True, 0j, setpoint, age_s, True, yields, 0.0, True)
+    return Other(2, True, 0j, setpoint, age_s, age_s, yields, 0.0, True)
 
 
 def unsure(doubt_s: float, response_s: float, other: Other) -> float:
@@ -161,34 +161,38 @@ def test_keep_out_counts_from_the_nearest_place_the_other_may_be_at(
 
 
 @pytest.mark.parametrize(
-    ("fresh", "yields", "age_s", "off"),
+    ("fresh", "rare", "yields", "age_s", "off"),
     [
-        (True, True, 0.4, 0.4 * 1.0 + 0.4 * MARGINS.growth),
-        (True, False, 0.4, 0.4 * 1.0 + 3.0 * MARGINS.growth),
-        (False, True, 0.4, 1.0 * 1.0 + 3.0 * MARGINS.growth),
-        (False, False, 9.0, 1.0 * 1.0 + 3.0 * MARGINS.growth),
+        (True, False, True, 0.4, 0.4 * 1.0 + 0.4 * MARGINS.growth),
+        (True, False, False, 0.4, 0.4 * 1.0 + 3.0 * MARGINS.growth),
+        (True, True, False, 1.4, 1.4 * 1.0 + 3.0 * MARGINS.growth),
+        (False, False, False, 9.0, 1.0 * 1.0 + 3.0 * MARGINS.growth),
+        (False, True, False, 9.0, 2.0 * 1.0 + 3.0 * MARGINS.growth),
     ],
 )
-def test_what_may_constrain(fresh: bool, yields: bool, age_s: float, off: float) -> None:
-    """Fresh news by its age; older news for a second of flight, and all that D may grow by."""
+def test_what_may_constrain(
+    fresh: bool, rare: bool, yields: bool, age_s: float, off: float
+) -> None:
+    """Fresh news by its age; older news for a second of flight, after a far word for two, and all
+    that D may grow by."""
     reach = MARGINS.keep_out + MARGINS.reach + off
-    told = (1j, age_s, fresh, yields, MARGINS.reach, MARGINS)
+    flown_s = constraints.flown_s(age_s, fresh, rare)
+    told = (1j, age_s, flown_s, yields, MARGINS.reach, MARGINS)
     assert constraints.constrains(reach - 1e-9, *told)
     assert not constraints.constrains(reach + 1e-9, *told)
 
 
-@given(points, st.floats(0, 9), st.booleans(), st.booleans(), st.floats(0, 2))
+@given(points, st.floats(0, 9), st.floats(0, 2), st.booleans(), st.floats(0, 2))
 def test_what_may_not_constrain_forbids_nothing(
-    setpoint: tuple[float, float], age_s: float, fresh: bool, yields: bool, unsure_s: float
+    setpoint: tuple[float, float], age_s: float, flown_s: float, yields: bool, unsure_s: float
 ) -> None:
     """Wherever it has flown since it was told of."""
-    assume(not fresh or age_s <= 0.5)
+    assume(not yields or age_s <= 0.5)
     flies, reach = complex(*setpoint), minded(unsure_s, MARGINS)
-    other = heard(flies, age_s, yields=yields)._replace(fresh=fresh)
-    flown = abs(flies) * constraints.flown_s(age_s, fresh)
-    grows_s = age_s if fresh and yields else 3.0
-    far = MARGINS.keep_out + reach + flown + MARGINS.growth * grows_s + 1e-6
-    assert not constraints.constrains(far, flies, age_s, fresh, yields, reach, MARGINS)
+    other = heard(flies, age_s, yields=yields)._replace(flown_s=flown_s)
+    grows_s = age_s if yields else 3.0
+    far = MARGINS.keep_out + reach + abs(flies) * flown_s + MARGINS.growth * grows_s + 1e-6
+    assert not constraints.constrains(far, flies, age_s, flown_s, yields, reach, MARGINS)
     for turn in range(8):
         apart = far * complex(math.cos(0.8 * turn), math.sin(0.8 * turn))
         _, bound, room = keep_out_plane(apart, True, other, MARGINS)

@@ -16,7 +16,7 @@ FAR_M = MARGINS.keep_out + MARGINS.firm + 1.0
 
 def other(about: int, apart: complex, *, along: bool = True) -> Other:
     """One that stands, and whose news is of now."""
-    return Other(about, True, apart, 0j, 0.0, True, True, 0.0, along)
+    return Other(about, True, apart, 0j, 0.0, 0.0, True, 0.0, along)
 
 
 def test_one_that_forbids_nothing_within_the_speed_limit_asks_for_no_row() -> None:

@@ -116,7 +116,7 @@ def test_pairs_that_press_open_no_wall_that_holds(
     """Whatever is wished and whoever comes, the velocity satisfies each wall that holds."""
     near = [NearWall(Wall(unit(a), gap, k), WALL) for k, (a, gap) in enumerate(walls)]
     around = [
-        Other(k + 2, True, unit(a) * x, v, 0.1, True, True, 0.9, along=k % 2 == 0)
+        Other(k + 2, True, unit(a) * x, v, 0.1, 0.1, True, 0.9, along=k % 2 == 0)
         for k, (a, x, v) in enumerate(others)
     ]
     rows: list[Row] = []
@@ -142,7 +142,7 @@ def test_no_pair_gives_way_to_a_zone_that_is_left(
     where nobody is near, it leaves as fast as walls ask for."""
     near = [NearWall(Wall(unit(wall[0]), wall[1], 0), WALL)]
     own = Own(0.3, 0.9, moving)
-    close = Other(2, True, unit(other[0]) * other[1], 0j, 0.1, True, True, 0.9, along=False)
+    close = Other(2, True, unit(other[0]) * other[1], 0j, 0.1, 0.1, True, 0.9, along=False)
     found = decided(wish, [close], 1, [], 0, near, 1, own, MARGINS, [])
     normal, bound, room = keep_out(close, MARGINS)
     fastest = min(cap(room, 0.3, MARGINS), wall_cap(wall[1], 0.3, WALL))

@@ -74,6 +74,17 @@ def test_the_limits_of_a_far_peers_age_come_two_periods_later() -> None:
     assert seen(peers, 2, 15.4).age(15.4) == pytest.approx(5.4)
 
 
+def test_a_far_word_is_rare_until_a_near_peers_state_is_heard() -> None:
+    """Also where it fell silent before it came near."""
+    peers = Peers(LARGE, 1)
+    tell(peers, 2, 10.0, 1, far=True)
+    assert seen(peers, 2, 10.1).rare
+    peers.follow({2}, 10.2)
+    assert seen(peers, 2, 14.0).rare
+    tell(peers, 2, 14.1, 2, far=False)
+    assert not seen(peers, 2, 19.0).rare
+
+
 def test_only_gaps_between_states_are_lost() -> None:
     """A far word that comes with its state or before it is no gap, nor is what was not subscribed
     to."""
