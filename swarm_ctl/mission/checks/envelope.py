@@ -136,7 +136,7 @@ ENVELOPE: Final = (
         *(1.26, math.inf),
     ),
     StudiedRange(("law", "h"), "kappa * h [1/s]", lambda p: p.kappa * p.law.h, 0, 4),
-    StudiedRange(("tick_s",), "tick_s [s]", lambda p: p.tick_s, 0, 0.05, (-math.inf, 0.2)),
+    StudiedRange(("tick_s",), "tick_s [s]", lambda p: p.tick_s, 0, 0.1, (-math.inf, 0.2)),
 )
 """The row of the speed is twice the braking distance in the room from r_out to r_in. To 1.8 no
 pair came under r_in; at 2 to 10.3 up to 2 in 100 missions had one; beyond 12 nothing is known

@@ -171,7 +171,7 @@ def test_head_on_the_peer_is_heard_just_in_time(lost: int) -> None:
 
 
 def test_the_boundary_of_one_swarm() -> None:
-    """The figures of docs/understand/safety-evidence.md: the wedge of 32 at 4 m/s."""
+    """The wedge of 32 at 4 m/s: who is farther away than 24.5 m is far."""
     plan = load(WEDGE).plan
     reach_m = margins_of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m).farthest
     assert reach_m == pytest.approx(15.7, abs=0.05)

@@ -33,8 +33,8 @@ OUTSIDE = {
     "slots": (TEXT.replace("side: 2}", "side: 1.8}"), r"smallest distance of slots / r_out is 1.2"),
     "gain": (TEXT.replace("h: 0.05 ", "h: 0.21 "), r"kappa \* h \[1/s\] is 4.2"),
     "tick": (
-        TEXT.replace("tick_s: 0.05", "tick_s: 0.06").replace("kappa: 20", "kappa: 10"),
-        r"tick_s \[s\] is 0.06",
+        TEXT.replace("tick_s: 0.05", "tick_s: 0.12").replace("kappa: 20", "kappa: 8"),
+        r"tick_s \[s\] is 0.12",
     ),
 }
 REFUSED = {
