@@ -66,8 +66,11 @@ def steps_go_together(seen: Seen) -> Iterator[str]:
     the one before, nor was."""
     if not seen.good_mesh or seen.of("part"):
         return
-    sent = [order.sent.command for order in seen.flown.orders if order.sent is not None]
-    alone = {agent for command in sent for agent in (*command.about, *command.agents)}
+    given = [order.sent for order in seen.flown.orders if order.sent is not None]
+    alone = {agent for sent in given for agent in (*sent.command.about, *sent.command.agents)}
+    for sent in given:  # the others go on without those that alone carry it out
+        taken = {agent for agent, ack in sent.acks.items() if ack.accepted}
+        alone |= taken if len(taken) < len(sent.acks) else set()
     skipped = [o.at_s for o in seen.flown.orders if o.line.split()[0] in ("next", "resume")]
     free = [
         agent.id
