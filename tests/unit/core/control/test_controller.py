@@ -67,6 +67,20 @@ def test_no_velocity_is_above_the_limit(
     assert own.setpoint_mps == flown
 
 
+@pytest.mark.parametrize(("rare", "free_s"), [(False, 1.0), (True, 2.0)])
+def test_a_silent_peer_may_have_flown_on_longer_after_a_far_word(rare: bool, free_s: float) -> None:
+    """One second of its last setpoint is left free, after a far word two: nobody flies there from
+    ahead, and up to there one does."""
+    told = {"setpoint_mps": (4.0, 0.0), "velocity_ned_mps": (4.0, 0.0, 0.0)}
+    silent = at(2, 0.0, 0.0, 6.0, **told)._replace(rare=rare)
+    margins = controller().safety_filter.margins
+    asks_m = margins.keep_out + 3.0 * margins.growth
+    for beyond_m, flies in ((0.0, False), (1.5, True)):
+        own = controller(north=4.0 * free_s + asks_m + beyond_m)
+        north_mps, _ = own.go_to(snapshot(silent, at(3, 60.0, 60.0)), (-20.0, 0.0), 2.5)
+        assert (north_mps < -0.1) is flies
+
+
 @settings(max_examples=60)
 @given(st.floats(0.0, 2 * math.pi), st.floats(1.05, 1.4), st.floats(0.0, 2 * math.pi))
 def test_no_agent_flies_at_a_peer_that_stands_beside_it(
