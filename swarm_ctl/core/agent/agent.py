@@ -557,7 +557,7 @@ class Agent:
             return
         told = group.told(tick, airborne=self._vehicle.was_armed)
         late = group.routes.late(self._id, progress.step, told)
-        if not late or group.goes_on_without(late, now):
+        if not late or group.goes_on_without(late, told, now):
             group.go_on(now)
             self._enter_step(now)
 

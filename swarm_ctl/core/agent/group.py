@@ -4,7 +4,7 @@ shape with its frame, its graph and the roles in it, and whom it is flown withou
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -186,13 +186,20 @@ class Group:
         recent = peer.silent_s <= self._policies.agent_lost_after_s
         return told if completed or recent else (-1, False)
 
-    def goes_on_without(self, late: list[int], now: float) -> bool:
-        """These are of other groups, and the step's policy waits no longer for them."""
+    def goes_on_without(
+        self, late: list[int], told: Mapping[int, tuple[int, bool]], now: float
+    ) -> bool:
+        """Those that are late are of other groups, and the step's policy waits no longer for them;
+        or one of the own group has gone on: its time was over, or it has heard them."""
         progress, step = self.progress, self.progress.current
-        if step is None or step.on_timeout is not Policy.CONTINUE or now <= progress.timed_out_at:
+        if (
+            step is None
+            or step.on_timeout is not Policy.CONTINUE
+            or not set(late).isdisjoint(self.ids)
+        ):
             return False
-        if not set(late).isdisjoint(self.ids):
-            return False
+        if now <= progress.timed_out_at:
+            return any(told[mate][0] > progress.step for mate in told.keys() & set(self.ids))
         text = f"{progress.name}: its time is over, goes on without {agents_named(late)}"
         self._log.say(now, Severity.WARNING, text)
         progress.run_out(now)
