@@ -78,7 +78,8 @@ class Account:
         self.statuses: list[AgentStatus] = []
         self.finals: dict[int, AgentStatus] = {}
         self._behind_s: dict[int, float] = {}
-        """The station's clock less the agent's, by its newest word."""
+        """The station's clock less the agent's, by its newest word in a step that went on: one that
+        is set after that does not move when the step ended."""
         self.events: list[Event] = []
         self.states: list[bytes] = []
         """Each state of an agent, encoded as on the mesh."""
@@ -131,7 +132,11 @@ class Account:
     def hear(self, statuses: list[AgentStatus], events: list[Event], now: float) -> None:
         """What the station took in a tick."""
         self.statuses += statuses
-        self._behind_s |= {status.agent: now - status.time_s for status in statuses}
+        for status in statuses:
+            behind_s = now - status.time_s
+            known_s = self._behind_s.setdefault(status.agent, behind_s)
+            flies = not status.steps or status.steps[-1].end_s is None
+            self._behind_s[status.agent] = behind_s if flies else known_s
         self.events += events
         if self._node is not None:
             for channel in _HEARD:
