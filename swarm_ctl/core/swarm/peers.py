@@ -237,6 +237,8 @@ class Peer:
     """Since when it is listened to again."""
     near_s: float = -math.inf
     """Since when it is near (`core/swarm/hearing.py`); inf: it is far."""
+    rare: bool = False
+    """Its newest state was a far word."""
     _counted: int | None = None
     """`seq` of its newest state, far words left out, since it is near and listened to."""
     _view: OtherAircraft | None = None
@@ -314,7 +316,7 @@ class Peer:
             self.expelled,
             suspect,
             late_s > 0.0,
-            self.true_s < self.near_s,
+            self.rare,
             self.true_s,
             abs(self._heights.off_m),
             now - self.listened_s,
@@ -362,7 +364,10 @@ class Peer:
             return False
         self._view_until_s = -math.inf
         believed = self._hear(state, received_s)
-        if not far and (believed or state.seq == (self.state.seq if self.state else None)):
+        newest = believed or state.seq == (self.state.seq if self.state else None)
+        if newest:
+            self.rare = far and (believed or self.rare)
+        if not far and newest:
             if self._counted is not None and state.seq > self._counted:
                 self.lost += state.seq - self._counted - 1
             self._counted = state.seq

@@ -352,6 +352,7 @@ def listen(
                 continue
             told_at = sent_at % ring
             q.told, q.flies, q.sent_at = past[told_at, 0, j], past[told_at, 1, j], sent_at
+            q.rare = s.far and sent_at < q.heard_from
     w.heard = True
 
 
@@ -617,7 +618,7 @@ def _act(
                 half = margins.keep_out + reach + (margins.speed + margins.growth) * age_s
                 if not yields:
                     half = max(half, farthest)
-                gone_s = flown_s(age_s, fresh, s.far and q.sent_at < q.heard_from)
+                gone_s = flown_s(age_s, fresh, q.rare)
                 if squared < half * half and constrains(
                     math.sqrt(squared), q.flies, age_s, gone_s, yields, reach, margins
                 ):
@@ -750,8 +751,7 @@ def _in_file(
             continue
         q, age_s = pair[i, j], (tick - pair[i, j].sent_at) * s.tick_s
         if age_s > NEIGHBOUR_S + _late_s(q.heard_from, begun, s.far):
-            rare = s.far and q.sent_at < q.heard_from
-            away = nearest(own - q.told, q.flies, flown_s(age_s, False, rare))
+            away = nearest(own - q.told, q.flies, flown_s(age_s, False, q.rare))
             room = abs(away) - passed_at(age_s, s.margins)
             if room < s.margins.zone:
                 if q.passes == 0j:

@@ -123,10 +123,12 @@ AGENT: Final = _records(
 `command`: the newest [m/s]; `share`: of a difference in velocity that its vehicle makes up in a
 tick, over the tick [1/s]; `delay`: of what it says; `late`: of its commands."""
 PAIR: Final = _records(
-    c16="told flies slot passes", i8="sent_at near_at heard_from passed", b1="link lost near always"
+    c16="told flies slot passes",
+    i8="sent_at near_at heard_from passed",
+    b1="link lost rare near always",
 )
 """What a receiver knows of a sender: point, command and slot as they were told, the tick they were
-sent in. `link`: of the start graph; `lost`: in the tick before."""
+sent in. `link`: of the start graph; `lost`: in the tick before; `rare`: it was a far word."""
 LINK: Final = _records(f8="farthest farthest_kept", i8="first second", b1="fits held")
 """A link of the start graph, its lower agent first. `farthest`: squared; `fits`: its slots are
 within r; `held`: it has been as short as they are."""

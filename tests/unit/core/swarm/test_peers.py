@@ -74,14 +74,19 @@ def test_the_limits_of_a_far_peers_age_come_two_periods_later() -> None:
     assert seen(peers, 2, 15.4).age(15.4) == pytest.approx(5.4)
 
 
-def test_a_far_word_is_rare_until_a_near_peers_state_is_heard() -> None:
-    """Also where it fell silent before it came near."""
+def test_a_state_is_rare_where_it_came_as_a_far_word_alone() -> None:
+    """Whatever the peer is by now; what comes by both ways, in any order, is not."""
     peers = Peers(LARGE, 1)
     tell(peers, 2, 10.0, 1, far=True)
     assert seen(peers, 2, 10.1).rare
     peers.follow({2}, 10.2)
     assert seen(peers, 2, 14.0).rare
+    tell(peers, 2, 14.1, 2, far=True)
+    assert seen(peers, 2, 14.2).rare
     tell(peers, 2, 14.1, 2, far=False)
+    tell(peers, 2, 14.1, 2, far=True)
+    assert not seen(peers, 2, 14.2).rare
+    peers.follow(set(), 14.3)
     assert not seen(peers, 2, 19.0).rare
 
 
