@@ -67,8 +67,8 @@ FAULTS: Final = (
         "filter-silent",
         "forgets that a silent agent's vehicle flies on for a second",
         f"{_KERNEL}/constraints.py",
-        "return age_s if fresh else SILENT_FLIES_S",
-        "return age_s if fresh else 0.0",
+        "return SILENT_FLIES_S + FAR_LATE_S if rare else SILENT_FLIES_S",
+        "return 0.0",
         r"kill|stop|part|station|mesh",
     ),
     Fault(
