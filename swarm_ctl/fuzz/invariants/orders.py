@@ -294,7 +294,10 @@ def _came_home(seen: Seen, agent: int, until_s: float) -> str:
     start = seen.plan.agent(agent).start
     place = seen.track(agent)[-1, :2]
     off_m = math.dist(place, (start[0] * seen.unit_m, start[1] * seen.unit_m))
-    return f"it came down {off_m:.1f} m from its start" if off_m > MISPLACED_M + 1.0 else ""
+    most_m = (
+        MISPLACED_M + 1.0 + 0.5 * seen.wind_mps
+    )  # simulated gusts carry a landing vehicle along
+    return f"it came down {off_m:.1f} m from its start" if off_m > most_m else ""
 
 
 def _moved_in_hold(seen: Seen, agent: int, at_s: float, until_s: float) -> str:

@@ -169,6 +169,26 @@ def test_a_place_beside_an_agent_that_stays_may_not_be_reached(
     assert found == [(*whom, pytest.approx(apart_m)) for *whom, apart_m in told]
 
 
+@pytest.mark.parametrize(
+    ("height_m", "move", "told"),
+    [
+        (3, "{to: [8, 21]}", [(3, 3, 4, 2.83)]),
+        (3.5, "{to: [8, 21]}", []),  # flown over
+        (3, "{by: [0, 30]}", []),  # past agent 4 alone, 2 m beside it
+        (3, "{along: [[5, -30], [5, 40]]}", [(3, 1, 2, 5.0)]),  # between two
+    ],
+)
+def test_low_beside_a_group_that_has_come_down_an_agent_may_not_come_on(
+    height_m: float, move: str, told: list[tuple[int, int, int, float]]
+) -> None:
+    """East returns to its starts, (0, 10) and (10, 10)."""
+    head, steps = edited(("height_m: 4", f"height_m: {height_m}")).split("      west:\n")
+    tail = steps[steps.index("  - form: {shape: row}\n  - land") :]
+    text = f"{head}      west: [move: {move}]\n      east: [return]\n{tail}"
+    found = [(at.number, i, j, apart_m) for at, i, j, apart_m in crowded(loads(text).plan)]
+    assert found == [(*whom, pytest.approx(apart_m, abs=0.01)) for *whom, apart_m in told]
+
+
 def test_it_is_a_warning() -> None:
     text = edited(("{by: [0, -20]}", "{by: [0, -5]}"))
     words = [each for each in loads(text).warnings if "may not come" in each]
