@@ -110,7 +110,7 @@ def test_each_makes_room_before_it_lands(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_a_silent_one_may_have_flown_on(monkeypatch: pytest.MonkeyPatch) -> None:
     dies = {"at_s": 13.5, "kill": [1]}
     assert swapped(dies) == ""
-    monkeypatch.setattr(constraints, "flown_s", lambda age_s, fresh: age_s if fresh else 0.0)
+    monkeypatch.setattr(constraints, "flown_s", lambda age_s, fresh, _: age_s if fresh else 0.0)
     assert " where agent 1 may have been, which was silent since 13.5 s" in swapped(dies)
 
 
