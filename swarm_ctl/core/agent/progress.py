@@ -1,8 +1,9 @@
 """How an agent marches through the mission's steps: a barrier made of state, not of events.
 
 Every state carries (step, done), ordered lexicographically. An agent leaves step k when everyone
-that it waits for, and that lives, shows at least (k, done); a peer at k + 1 proves k. Lost or
-repeated messages change nothing.
+that it waits for, and that lives, shows at least (k, done); a peer at k + 1 proves k. A barrier
+with `on_timeout: continue` is left without the other groups when its time is over. Lost or repeated
+messages change nothing.
 """
 
 from __future__ import annotations

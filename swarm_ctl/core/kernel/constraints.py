@@ -196,8 +196,8 @@ def flies_with(setpoint: complex, moving: complex) -> bool:
 
 
 def flown_s(age_s: float, fresh: bool, rare: bool) -> float:
-    """For so long it may have flown on with the setpoint of its news; `rare`: of a far word, which
-    one of a silent agent's last ticks need not have been."""
+    """For so long [s] it may have flown on with the setpoint of its news. `rare`: the news is a far
+    word, up to `FAR_LATE_S` older than the last state of an agent that fell silent."""
     if fresh:
         return age_s
     return SILENT_FLIES_S + FAR_LATE_S if rare else SILENT_FLIES_S

@@ -97,7 +97,7 @@ def _beside_landed(
 
 
 def _from_way_m(corners: Sequence[Point], point: Point) -> float:
-    """How far a point is from a way."""
+    """How far a point is from a way [m]."""
     found = math.dist(corners[0], point)
     for a, b in itertools.pairwise(complex(*corner) for corner in corners):
         leg, to = b - a, complex(*point) - a
@@ -107,6 +107,7 @@ def _from_way_m(corners: Sequence[Point], point: Point) -> float:
 
 
 def _near_m(plan: Plan) -> float:
+    """Nearer than this [m] the law may hold an agent off its place."""
     return _HELD_OFF * plan.law.r_out * plan.unit_m - ROUNDING
 
 

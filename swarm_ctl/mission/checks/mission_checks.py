@@ -251,7 +251,7 @@ def _slot_distances(mission: MissionFile, place: Place, shape: Shape) -> Finding
         if isinstance(entry.body, FormSection) and entry.body.shape == place[-1]:
             forms.append(entry.body)
             sizes.append(len(group.ids))
-    size = max(sizes, default=0) or len(mission.agents)  # a group that is not declared has nobody
+    size = max(sizes, default=0) or len(mission.agents)  # an undeclared group has no agents
     ups_m = ups_of(shape, size)
     between, r_out = distances(slots_of(shape, size)), mission.law.r_out
     if len(ups_m) != len(between):

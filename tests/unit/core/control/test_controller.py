@@ -69,8 +69,8 @@ def test_no_velocity_is_above_the_limit(
 
 @pytest.mark.parametrize(("rare", "free_s"), [(False, 1.0), (True, 2.0)])
 def test_a_silent_peer_may_have_flown_on_longer_after_a_far_word(rare: bool, free_s: float) -> None:
-    """One second of its last setpoint is left free, after a far word two: nobody flies there from
-    ahead, and up to there one does."""
+    """The agent leaves one second of the peer's last setpoint free, after a far word two: it does
+    not fly there from ahead, and up to there it does."""
     told = {"setpoint_mps": (4.0, 0.0), "velocity_ned_mps": (4.0, 0.0, 0.0)}
     silent = at(2, 0.0, 0.0, 6.0, **told)._replace(rare=rare)
     margins = controller().safety_filter.margins
