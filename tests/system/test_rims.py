@@ -104,14 +104,13 @@ def test_a_flight_in_which_all_that_shows_fails_at_random(tmp_path: Path) -> Non
 
 
 @needs_tmux
-@pytest.mark.realtime
 def test_a_dashboard_that_fails_gives_way_to_log_lines_in_flight(tmp_path: Path) -> None:
     """An error where no rim of ours is, in a widget's own drawing: the flight is flown to its end,
     and the terminal has the log of it."""
     parts = {"swarm_ctl.station.dashboard.drawing.widgets": [("Painted.render_line", 1.0, 200)]}
     env = plug(tmp_path / "plug", parts)
     words = [f"{name}={value}" for name, value in env.items()]
-    command = ("run", LOW, "--speedup", "3", "--no-report")
+    command = ("run", LOW, "--lockstep", "--speedup", "3", "--no-report")
     swarm_ctl = Terminal.__init__.__kwdefaults__["program"]
     with Terminal(*command, cwd=tmp_path, program=("env", *words, *swarm_ctl)) as terminal:
         terminal.wait_for("the dashboard ended by an error", 200.0)

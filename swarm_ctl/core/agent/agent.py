@@ -242,6 +242,8 @@ class Agent:
 
     def _hear(self, now: float, inbox: Inbox) -> Generator[None, None, Tick]:
         log, peers, group, view = self._log, self._peers, self._group, inbox.view
+        if stop_s := self._attention.run(now):
+            peers.sleep(stop_s, now)
         for news, received_s in inbox.clocks:
             peers.hear_clock(news, received_s)
         believed = []
@@ -275,7 +277,6 @@ class Agent:
         for law in inbox.laws:
             self._fly_law(now, self._command_handler.gain_update.take_up(law, snapshot))
         snapshot = self._hear_targets(now, inbox, snapshot)
-        self._attention.run(now)
         self._tell_notes(now)
         heard = self._station, self._attention, self._phase
         return Tick(now, view, fix, snapshot, *heard)

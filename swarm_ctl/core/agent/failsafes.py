@@ -296,8 +296,7 @@ def _peers_departed(s: Situation) -> FailsafeTrigger | None:
 
 def _station_gone(s: Situation) -> FailsafeTrigger | None:
     policy, after = s.plan.policies.station_lost, s.plan.policies.station_lost_after_s
-    heard_s = s.tick.station_s
-    if heard_s is None or s.tick.now - heard_s <= after:
+    if s.tick.station_silent_s <= after:
         return None  # a mission may fly without a station
     return _by_policy(policy, f"no ground station has been heard for {after:g} s")
 

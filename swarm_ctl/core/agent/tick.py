@@ -19,23 +19,26 @@ HeardStation: TypeAlias = tuple[StationBeacon, float]
 
 
 ASLEEP_S = 0.5
-"""Between two ticks (50 ms): for longer, the agent itself did not run."""
+"""Between two ticks (50 ms): for longer, the agent itself did not run. So much of it counts all the
+same, so that on a machine that is slow for good silence is still found."""
 _KEPT = 16
 
 
 class Attention:
     """When the agent itself ran. One that was stopped (SIGSTOP, a computer that sleeps) heard
-    nothing meanwhile, which is no silence of its vehicle."""
+    nothing meanwhile, which is nobody's silence."""
 
     def __init__(self) -> None:
         self._last_s = math.nan
         self._asleep: deque[tuple[float, float]] = deque(maxlen=_KEPT)
 
-    def run(self, now: float) -> None:
-        """A tick at `now` [s]."""
-        if now - self._last_s > ASLEEP_S:
-            self._asleep.append((self._last_s, now))
-        self._last_s = now
+    def run(self, now: float) -> float:
+        """A tick at `now` [s]. Returns for how long [s] the agent was stopped before it."""
+        begin, self._last_s = self._last_s + ASLEEP_S, now
+        if not now > begin:
+            return 0.0
+        self._asleep.append((begin, now))
+        return now - begin
 
     def awake_s(self, since_s: float, now: float) -> float:
         """For how long [s] of the time from `since_s` to `now` the agent ran."""
@@ -58,6 +61,11 @@ class Tick:
     attention: Attention = field(default_factory=Attention)
     before: Phase = Phase.CONNECT
     """What the agent did in the tick before."""
+
+    @property
+    def station_silent_s(self) -> float:
+        """For how long it has listened since a station's last word; -inf: it never heard any."""
+        return self.attention.awake_s(self.station[1], self.now) if self.station else -math.inf
 
     @property
     def vehicle_silent_s(self) -> float:

@@ -108,6 +108,11 @@ class Peers:
         for peer in self:
             peer.expel(now, out=peer.id in agents)
 
+    def sleep(self, stop_s: float, now: float) -> None:
+        """The agent itself was stopped for `stop_s` [s] before `now`."""
+        for peer in self:
+            peer.sleep(stop_s, now)
+
     def suspects(self, now: float) -> dict[int, str]:
         """The peers of which a word was not believed of late, and why."""
         return {p.id: p.found.words for p in self if p.found is not None and p.suspect(now)}
@@ -234,7 +239,8 @@ class Peer:
     expelled: bool = False
     """The operator has ordered not to listen to it."""
     listened_s: float = -math.inf
-    """Since when it is listened to again."""
+    """Since when it is listened to again; later by each stop of the agent itself since its newest
+    state."""
     near_s: float = -math.inf
     """Since when it is near (`core/swarm/hearing.py`); inf: it is far."""
     rare: bool = False
@@ -337,6 +343,11 @@ class Peer:
         if self.expelled and not out:
             self.listened_s, self._counted = now, None
         self.expelled, self._view_until_s = out, -math.inf
+
+    def sleep(self, stop_s: float, now: float) -> None:
+        """The agent itself was stopped for `stop_s` [s] before `now`: it could hear nobody."""
+        self.listened_s = min(now, max(self.listened_s, self.received_s) + stop_s)
+        self._view_until_s = -math.inf
 
     def elsewhere(self, now: float) -> OtherAircraft | None:
         """The other place where its vehicle may be, by the word that was not believed."""

@@ -79,7 +79,7 @@ class OtherAircraft(NamedTuple):
     height_off_m: float = 0.0
     """By so much its heights have jumped in this flight (`HeightJumps`)."""
     listened_s: float = math.inf
-    """For how long it is listened to again, which was expelled."""
+    """For how long it has been listened to: it was expelled, or the agent itself was stopped."""
 
     def age(self, now: float) -> float:
         """Of its state at `now` [s]."""

@@ -90,6 +90,26 @@ def test_a_state_is_rare_where_it_came_as_a_far_word_alone() -> None:
     assert not seen(peers, 2, 19.0).rare
 
 
+def test_a_stop_of_the_agent_itself_is_no_silence_of_its_peers() -> None:
+    """Its words are as old as they are; but nobody listened, so nobody was silent."""
+    peers = Peers(LARGE, 1)
+    peers.follow({3}, 8.0)
+    for agent in (2, 3):
+        tell(peers, agent, 10.0, 1, far=agent == 2)
+    assert seen(peers, 3, 11.0).silent_s == pytest.approx(1.0)
+    peers.sleep(8.0, 19.5)
+    for agent in (2, 3):
+        assert seen(peers, agent, 19.5).age(19.5) == pytest.approx(9.5)
+        assert not seen(peers, agent, 19.5).followed
+        assert seen(peers, agent, 19.5).silent_s == pytest.approx(1.5)
+    peers.sleep(2.0, 22.0)  # what was heard by then was not heard again
+    assert seen(peers, 3, 22.0).silent_s == pytest.approx(2.0)
+    tell(peers, 3, 22.1, 2)
+    assert seen(peers, 3, 27.6).silent_s == pytest.approx(5.5)
+    peers.sleep(8.0, 27.6)  # longer than it was silent: it came while the agent was stopped
+    assert seen(peers, 3, 27.6).silent_s == 0.0
+
+
 def test_only_gaps_between_states_are_lost() -> None:
     """A far word that comes with its state or before it is no gap, nor is what was not subscribed
     to."""
