@@ -182,7 +182,8 @@ def _takes_more_than_half(
     seen: Seen, own: int, mine: _Told, other: int, theirs: _Told
 ) -> Iterator[str]:
     """By the place of the other one that it may have known and that leaves it the most. In a
-    formation that moves, of those alone that are held up: the others fly along."""
+    formation that moves, of those alone that are held up: the others fly along. One whose word it
+    does not believe is not counted on to keep its half."""
     plan = seen.plan
     margins = margins_of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m)
     over_mps = np.full(len(mine.time_s), np.inf)
@@ -192,7 +193,8 @@ def _takes_more_than_half(
         most = np.maximum(allowed, -0.5 * margins.speed)
         over_mps = np.minimum(over_mps, np.where(counts & held, closing - most, -np.inf))
     over_mps[np.isposinf(over_mps)] = -np.inf  # it told nothing
-    at_s = _first(mine, over_mps, ~_gave_way(seen, own, mine))
+    counts = ~_gave_way(seen, own, mine) & ~_doubts(seen, own, mine, other)
+    at_s = _first(mine, over_mps, counts)
     if at_s is not None:
         yield f"agent {own} took more than half of the room to agent {other} at {at_s:.1f} s"
 
@@ -234,6 +236,15 @@ def _first(
     over = mine.flies & counts & (over_mps > _OVER_MPS)
     twice = np.flatnonzero(over[1:] & over[:-1])
     return float(mine.time_s[twice[0]]) if len(twice) else None
+
+
+def _doubts(seen: Seen, own: int, mine: _Told, other: int) -> npt.NDArray[np.bool_]:
+    """While it does not believe the other one."""
+    found = np.zeros(len(mine.time_s), dtype=np.bool_)
+    for before, after in itertools.pairwise(seen.statuses[own]):
+        if other in before.doubted or other in after.doubted:
+            found |= (mine.time_s >= before.time_s) & (mine.time_s <= after.time_s)
+    return found
 
 
 def _gave_way(seen: Seen, agent: int, mine: _Told) -> npt.NDArray[np.bool_]:
