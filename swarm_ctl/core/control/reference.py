@@ -192,6 +192,8 @@ class Reference:
         heard = leader.frame if leader and (leader.step, leader.override) == key[1:] else None
         if leader is None:
             self._lead(peers, step, own_m, error_m)
+            if self.frame is not None:
+                self._bounds.lead(self.frame, peers.now_s)
         elif heard is not None and self._believed(leader, heard, step, peers, own_m):
             age = peers.age_s(leader.agent)
             frame = heard if age <= PREDICT_S else heard.stopped()
@@ -392,10 +394,17 @@ class FrameBounds:
         """How far along its way the last frame was, and when."""
         self._led: tuple[Frame, float] | None = None
         """The last frame of a target that was believed, and when."""
+        self._own: tuple[Frame, Frame, float] | None = None
+        """The first and the last frame with which this agent led in the step, and when."""
 
     def begin(self, start: Frame | None) -> None:
         """A step begins, with the frame here."""
         self._start, self._first_m, self._ahead_m, self._led = start, None, 0.0, None
+        self._own = None
+
+    def lead(self, frame: Frame, now: float) -> None:
+        """This agent leads, with the frame here: who leads after it goes on from there."""
+        self._own = self._own[0] if self._own else self._start or frame, frame, now
 
     def doubt(
         self, frame: Frame, step: Step, radius_m: float, now: float, places: Places, *, feeds: bool
@@ -414,6 +423,8 @@ class FrameBounds:
             lag_m = self._pace_mps * min(_LATE_S, max(0.0, now - self._last_s) + _PACE_S)
             first_m = beside_m + lag_m
             why = self._doubt_first(frame, step, radius_m, tolerance_m, first_m, places)
+            if why and self._goes_on(frame, step, radius_m, beside_m, now):
+                why = ""
             if why and places.worst_m > min(tolerance_m + JUMP_M, 2 * _SMALL * radius_m):
                 return why
             if why or self._start is None:
@@ -494,6 +505,20 @@ class FrameBounds:
         if done_m <= most_m or near:
             return ""
         return f"its formation is {done_m:.1f} m on its way; allowed: {most_m:.1f} m"
+
+    def _goes_on(
+        self, frame: Frame, step: Step, radius_m: float, beside_m: float, now: float
+    ) -> bool:
+        """Whether the first frame of another leader goes on from where this agent led."""
+        if self._own is None:
+            return False
+        start, last, led_s = self._own
+        done_m, off_m = step.along(start, frame, radius_m)
+        most_m = step.frame_mps * (_FASTER * (now - led_s) + _PACE_S) + beside_m
+        if off_m > beside_m or done_m > step.along(start, last, radius_m)[0] + most_m:
+            return False
+        self._start = start
+        return True
 
 
 class Places(NamedTuple):

@@ -76,6 +76,24 @@ def test_a_frame_off_its_way_or_before_its_time_is_not_believed(
     assert "its formation" in bounds.doubt(hostile, step, RADIUS_M, known_s, AWAY, feeds=True)
 
 
+@pytest.mark.parametrize("start", [START, None], ids=["known", "not-known"])
+def test_who_leads_after_this_agent_goes_on_from_its_frame(start: Frame | None) -> None:
+    """An agent that was held comes back to the middle of a step, far from its place, and leads: by
+    the frame of the one that led until then, and by no other."""
+    bounds, middle = FrameBounds(), START
+    bounds.begin(start)
+    assert MOVE.path is not None
+    for k in range(400):
+        middle = MOVE.path.advanced(replace(middle, rate=1.0), TICK_S, RADIUS_M)
+        bounds.lead(middle, k * TICK_S)
+    ahead = MOVE.path.advanced(middle, 4.0, RADIUS_M)
+    for hostile in (ahead, replace(middle, point_m=(30.0, 9.0)), replace(middle, scale=0.5)):
+        why = bounds.doubt(hostile, MOVE, RADIUS_M, 20.5, AWAY, feeds=False)
+        assert "its formation" in why
+    assert bounds.doubt(middle, MOVE, RADIUS_M, 20.5, AWAY, feeds=False) == ""
+    assert "moved by" in bounds.doubt(ahead, MOVE, RADIUS_M, 20.6, AWAY, feeds=False)
+
+
 def test_a_rate_without_motion_is_not_believed_for_long() -> None:
     """Others would fly on by it while the frame stands."""
     bounds = FrameBounds()
