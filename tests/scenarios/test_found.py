@@ -44,10 +44,10 @@ def test_a_hold_says_its_reason_once() -> None:
 
 def test_a_flight_is_judged_alike_with_a_folder_and_without(tmp_path: Path) -> None:
     """The judge knows the zones that an operator's order added, also where nothing is written."""
-    scenario, mission = load_scenario(FOUND[0].with_name("two-leave-a-new-zone.yaml"))
+    scenario, mission = load_scenario(FOUND[0].with_name("a-zone-over-one-that-lands.yaml"))
     written, alone = (
         fly_scenario(scenario, mission, tmp_path / "run"),
-        flown("two-leave-a-new-zone"),
+        flown("a-zone-over-one-that-lands"),
     )
     near = alone.summary.nearest_zone
     assert written.summary.nearest_zone == near
