@@ -106,7 +106,7 @@ def test_a_group_goes_on_when_the_time_of_its_barrier_is_over() -> None:
     """It says without whom, tells the step as timed out, and flies its next one alone; at the end
     of the split it waits for the others, and the mission is completed."""
     late = MEET.replace("{name: ridge}", "{name: ridge, timeout_s: 15, on_timeout: continue}", 1)
-    swarm = at_step(parted(late.replace("duration_s: 12", "duration_s: 40")), SPLIT)
+    swarm = at_step(parted(late.replace("duration_s: 12", "duration_s: 45")), SPLIT)
     swarm.fly()
     for agent in WEST:
         waited = status(swarm, agent).steps[5]
