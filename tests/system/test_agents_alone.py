@@ -49,13 +49,13 @@ def test_two_agents_and_a_station_that_knows_the_mission(
     and keeps it, and addresses are options. A station without a run folder waits for them, tells
     their time and their flight, and sees the end.
     """
-    speedup, epoch_s = 3.0, time.monotonic()
+    speedup, epoch_s = 2.0, time.monotonic()
     monkeypatch.setenv("SWARM_CTL_STATE", str(tmp_path / "state"))
     name, fleet = named_by_hash(mission.plan, mission.fleet), mission.fleet.agents
     own, peer = fleet[1], fleet[0]
     addresses = [f"--endpoint={own.endpoint}", f"--mesh={own.mesh}", f"--peer={peer.mesh}"]
     watching = subprocess.Popen(
-        [SWARM_CTL, "station", "--mission", mission.source, "--json", "--speedup", "3"],
+        [SWARM_CTL, "station", "--mission", mission.source, "--json", "--speedup", "2"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

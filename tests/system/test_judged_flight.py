@@ -21,7 +21,7 @@ from tests.system.pair import agent, ended, pair_mission, simulator
 from tests.system.running import SWARM_CTL
 
 pytestmark = pytest.mark.timeout(120)
-_SPEEDUP = 3.0
+_SPEEDUP = 2.0
 _APART_S = 600.0
 """Between the agents' clocks: more than this flight can last."""
 _TRUTH = "from-the-simulator.jsonl"

@@ -28,7 +28,7 @@ from tests.system.running import ROOT, SWARM_CTL, Running
 pytestmark = pytest.mark.timeout(180)
 
 MISSION = Path(__file__).with_name("kills.yaml")
-SPEEDUP = 3.0
+SPEEDUP = 2.0
 """A PX4 leaves OFFBOARD for good after a second without setpoints: a busy machine must not take
 that long."""
 PROCESSES = ("agent-1", "agent-2", "station", "simulator", "run")

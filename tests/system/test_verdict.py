@@ -34,7 +34,7 @@ def flight(where: Path, speedup: float) -> Iterator[tuple[Running, LoadedMission
 
 def test_a_run_without_truth_completes(tmp_path: Path) -> None:
     """Exit 0, all figures, and whose they are."""
-    with flight(tmp_path, 3.0) as (running, _):
+    with flight(tmp_path, 2.0) as (running, _):
         assert running.wait() == 0, running.output
         running.assert_nothing_left()
         summary = running.summary()
