@@ -24,6 +24,8 @@ _MOVES_M: Final = 1.0
 """On the ground, disarmed."""
 _BOUNCES_S: Final = 3.0
 """In gusts a vehicle may touch the ground again as it takes off."""
+_BOUNCES_M: Final = 0.1
+"""One that holds as low as that does so for as long as it holds."""
 _TOUCHES_MPS: Final = 0.3
 """A landing is no slower than this, in the mean."""
 _STANDS_MPS: Final = 1.0
@@ -55,7 +57,8 @@ def nothing_moves_unordered(seen: Seen) -> Iterator[str]:
         starts = [each.at_s for each in seen.of("restart") if agent in (each.restart or ())]
         for at in lifts:
             began_s = max((start_s for start_s in starts if start_s < at), default=0.0)
-            if at > min(lift for lift in lifts if lift > began_s) + _BOUNCES_S:
+            again = at > min(lift for lift in lifts if lift > began_s) + _BOUNCES_S
+            if again and _rises_m(seen, agent, at) > _BOUNCES_M:
                 yield f"agent {agent} took off again at {at:.1f} s"
             if at > flies_s + 1.0:
                 yield f"agent {agent} took off at {at:.1f} s, the others fly since {flies_s:.1f} s"
@@ -78,6 +81,14 @@ def nothing_moves_unordered(seen: Seen) -> Iterator[str]:
 
 
 _STOPS: Final = (CommandKind.LAND, CommandKind.KILL)
+
+
+def _rises_m(seen: Seen, agent: int, lift_s: float) -> float:
+    """How high it comes between this lift-off and the next touchdown, over where it stood."""
+    down_s = (at for at in seen.events(agent, EventKind.TOUCHDOWN) if at > lift_s)
+    time_s, height_m = seen.truth.time_s, -seen.track(agent)[:, 2]
+    aloft = height_m[(time_s >= lift_s) & (time_s <= next(down_s, math.inf))]
+    return float(aloft.max() - aloft[0]) if len(aloft) else 0.0
 
 
 def _runs(stands: npt.NDArray[np.bool_]) -> Iterator[slice]:
