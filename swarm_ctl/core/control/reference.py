@@ -360,6 +360,8 @@ _PACE_S: Final = 0.5
 _FORGETS_S: Final = 5.0
 """A rate that leads too far: on a busy machine a leader loses ticks, and its frame moves by whole
 ticks. So a fifth of them may be lost for as long as a move takes."""
+_BEHIND_S: Final = 2.0
+"""An agent that comes back to a formation looks on for a second before it leads."""
 _LATE_S: Final = 10.0
 """A step begins so much later on one agent than on another, at most: a command reaches all in this
 time, or none."""
@@ -514,8 +516,10 @@ class FrameBounds:
             return False
         start, last, led_s = self._own
         done_m, off_m = step.along(start, frame, radius_m)
+        further_m = done_m - step.along(start, last, radius_m)[0]
         most_m = step.frame_mps * (_FASTER * (now - led_s) + _PACE_S) + beside_m
-        if off_m > beside_m or done_m > step.along(start, last, radius_m)[0] + most_m:
+        least_m = -step.frame_mps * _BEHIND_S - beside_m
+        if off_m > beside_m or not least_m <= further_m <= most_m:
             return False
         self._start = start
         return True

@@ -346,7 +346,8 @@ class Peer:
 
     def sleep(self, stop_s: float, now: float) -> None:
         """The agent itself was stopped for `stop_s` [s] before `now`: it could hear nobody."""
-        self.listened_s = min(now, max(self.listened_s, self.received_s) + stop_s)
+        told_s = min(self.received_s, self.true_s)
+        self.listened_s = min(now, max(self.listened_s, told_s) + stop_s)
         self._view_until_s = -math.inf
 
     def elsewhere(self, now: float) -> OtherAircraft | None:

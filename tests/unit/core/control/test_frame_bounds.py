@@ -87,7 +87,8 @@ def test_who_leads_after_this_agent_goes_on_from_its_frame(start: Frame | None) 
         middle = MOVE.path.advanced(replace(middle, rate=1.0), TICK_S, RADIUS_M)
         bounds.lead(middle, k * TICK_S)
     ahead = MOVE.path.advanced(middle, 4.0, RADIUS_M)
-    for hostile in (ahead, replace(middle, point_m=(30.0, 9.0)), replace(middle, scale=0.5)):
+    back = replace(middle, point_m=(20.0, 8.0))
+    for hostile in (ahead, back, replace(middle, point_m=(30.0, 9.0)), replace(middle, scale=0.5)):
         why = bounds.doubt(hostile, MOVE, RADIUS_M, 20.5, AWAY, feeds=False)
         assert "its formation" in why
     assert bounds.doubt(middle, MOVE, RADIUS_M, 20.5, AWAY, feeds=False) == ""

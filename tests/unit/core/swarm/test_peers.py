@@ -110,6 +110,18 @@ def test_a_stop_of_the_agent_itself_is_no_silence_of_its_peers() -> None:
     assert seen(peers, 3, 27.6).silent_s == 0.0
 
 
+def test_stops_do_not_pardon_a_peer_whose_words_are_late() -> None:
+    """One that is heard 6 s late is lost, however often the agent is stopped for a moment."""
+    peers = Peers(LARGE, 1)
+    peers.follow({3}, 8.0)
+    for k in range(10):
+        now = 20.0 + 4.0 * k
+        peers.clocks.of[3].answered(now - 6.0, now - 6.0, now - 6.0, now - 6.0)
+        peers.hear(state_of(LARGE, 3, now - 6.0, seq=k + 1, phase=Phase.FLY), now)
+        peers.sleep(0.7, now)
+        assert seen(peers, 3, now).silent_s == pytest.approx(5.3)
+
+
 def test_only_gaps_between_states_are_lost() -> None:
     """A far word that comes with its state or before it is no gap, nor is what was not subscribed
     to."""
