@@ -42,6 +42,12 @@ def test_a_hold_says_its_reason_once() -> None:
     assert held == {"step 1 (takeoff) timed out after 3.7 s: this agent was not done"}
 
 
+def test_one_that_is_resumed_in_a_move_is_believed() -> None:
+    """It leads from then on, with the frame of the one that led until then."""
+    said = [event.text for event in flown("resumed-in-a-move").events]
+    assert [text for text in said if "not believed" in text] == []
+
+
 def test_a_flight_is_judged_alike_with_a_folder_and_without(tmp_path: Path) -> None:
     """The judge knows the zones that an operator's order added, also where nothing is written."""
     scenario, mission = load_scenario(FOUND[0].with_name("a-zone-over-one-that-lands.yaml"))

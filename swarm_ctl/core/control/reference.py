@@ -361,7 +361,8 @@ _FORGETS_S: Final = 5.0
 """A rate that leads too far: on a busy machine a leader loses ticks, and its frame moves by whole
 ticks. So a fifth of them may be lost for as long as a move takes."""
 _BEHIND_S: Final = 2.0
-"""An agent that comes back to a formation looks on for a second before it leads."""
+"""A frame that is taken over may be so far behind: who comes back to a formation looks on for a
+second (`takeover.LEARN_S`) before it leads, by words that are late."""
 _LATE_S: Final = 10.0
 """A step begins so much later on one agent than on another, at most: a command reaches all in this
 time, or none."""
@@ -425,8 +426,8 @@ class FrameBounds:
             lag_m = self._pace_mps * min(_LATE_S, max(0.0, now - self._last_s) + _PACE_S)
             first_m = beside_m + lag_m
             why = self._doubt_first(frame, step, radius_m, tolerance_m, first_m, places)
-            if why and self._goes_on(frame, step, radius_m, beside_m, now):
-                why = ""
+            if why and (led := self._led_from(frame, step, radius_m, beside_m, now)):
+                self._start, why = led, ""
             if why and places.worst_m > min(tolerance_m + JUMP_M, 2 * _SMALL * radius_m):
                 return why
             if why or self._start is None:
@@ -508,21 +509,20 @@ class FrameBounds:
             return ""
         return f"its formation is {done_m:.1f} m on its way; allowed: {most_m:.1f} m"
 
-    def _goes_on(
+    def _led_from(
         self, frame: Frame, step: Step, radius_m: float, beside_m: float, now: float
-    ) -> bool:
-        """Whether the first frame of another leader goes on from where this agent led."""
+    ) -> Frame | None:
+        """From where this agent led in the step, if the first frame of another leader goes on from
+        its last one; None: it does not."""
         if self._own is None:
-            return False
+            return None
         start, last, led_s = self._own
         done_m, off_m = step.along(start, frame, radius_m)
         further_m = done_m - step.along(start, last, radius_m)[0]
         most_m = step.frame_mps * (_FASTER * (now - led_s) + _PACE_S) + beside_m
         least_m = -step.frame_mps * _BEHIND_S - beside_m
-        if off_m > beside_m or not least_m <= further_m <= most_m:
-            return False
-        self._start = start
-        return True
+        goes_on = off_m <= beside_m and least_m <= further_m <= most_m
+        return start if goes_on else None
 
 
 class Places(NamedTuple):
