@@ -202,7 +202,7 @@ def _stands_before_it_lands(seen: Seen) -> Iterator[str]:
         # who comes back, or goes over from another action, has stood, or counts anew
         if not flew or begins is None or begins.cause is not held[0].cause:
             continue
-        if begins.step and seen.route(agent).steps[begins.step - 1].goes_down:
+        if begins.step and seen.route(agent).steps[begins.step - 1].lands_in_place:
             continue  # it had begun to come down, by the mission
         if begins.time_s - before[0].time_s < least_s - STATUS_EVERY_S:
             yield (

@@ -182,21 +182,23 @@ def _takes_more_than_half(
     seen: Seen, own: int, mine: _Told, other: int, theirs: _Told
 ) -> Iterator[str]:
     """By the place of the other one that it may have known and that leaves it the most. In a
-    formation that moves, of those alone that are held up: the others fly along. One whose word it
-    does not believe is not counted on to keep its half."""
+    formation that moves, of those alone that are held up: the others fly along. To one whose word
+    it does not believe it may take all of it: that one is not counted on to keep its half."""
     plan = seen.plan
     margins = margins_of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m)
     over_mps = np.full(len(mine.time_s), np.inf)
+    doubts = _doubts(seen, own, mine, other)
+    share = np.where(doubts, 1.0, 0.5)
     for apart, counts, held in _known(seen, mine, theirs):
-        allowed = 0.5 * RATE * (np.abs(apart) - margins.keep_out)
+        allowed = share * RATE * (np.abs(apart) - margins.keep_out)
         closing = -(apart * mine.setpoint_mps.conj()).real / np.maximum(np.abs(apart), 1e-9)
         most = np.maximum(allowed, -0.5 * margins.speed)
         over_mps = np.minimum(over_mps, np.where(counts & held, closing - most, -np.inf))
     over_mps[np.isposinf(over_mps)] = -np.inf  # it told nothing
-    counts = ~_gave_way(seen, own, mine) & ~_doubts(seen, own, mine, other)
-    at_s = _first(mine, over_mps, counts)
+    at_s = _first(mine, over_mps, ~_gave_way(seen, own, mine))
     if at_s is not None:
-        yield f"agent {own} took more than half of the room to agent {other} at {at_s:.1f} s"
+        part = "all" if doubts[np.searchsorted(mine.time_s, at_s)] else "half"
+        yield f"agent {own} took more than {part} of the room to agent {other} at {at_s:.1f} s"
 
 
 def _flies_where_a_silent_one_may_be(
@@ -239,7 +241,7 @@ def _first(
 
 
 def _doubts(seen: Seen, own: int, mine: _Told, other: int) -> npt.NDArray[np.bool_]:
-    """While it does not believe the other one."""
+    """(T,): while it does not believe the other one."""
     found = np.zeros(len(mine.time_s), dtype=np.bool_)
     for before, after in itertools.pairwise(seen.statuses[own]):
         if other in before.doubted or other in after.doubted:

@@ -70,6 +70,26 @@ def test_a_judge_that_sees_nothing_is_contradicted(good: FlownScenario) -> None:
     assert {Invariant.APART, Invariant.VERDICT} <= kinds(with_truth(good, position_ned_m=near))
 
 
+def test_a_second_take_off_is_none_that_touches_the_ground(good: FlownScenario) -> None:
+    """It rises; where it holds at one height, the ground was touched."""
+    truth, sysid = good.truth, good.truth.sysids[0]
+    up_s = next(e.time_s for e in truth.events if e.sysid == sysid and e.event == "liftoff")
+    for at_s, found in ((up_s + 3.2, True), (up_s + 4.9, False)):  # as it climbs, and once it is up
+        ups = ((at_s, "liftoff"), (at_s + 0.5, "touchdown"))
+        again = [TruthEvent(type="event", t=t, sysid=sysid, event=what) for t, what in ups]
+        flight = with_truth(good, events=(*truth.events[:3], *again, *truth.events[3:]))
+        assert (Invariant.ORDERED in kinds(flight)) is found
+
+
+def test_one_that_does_not_stand_before_it_lands(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`policies.hold_before_land_s`; of one that lands by the mission see
+    `found/station-is-lost-as-they-land.yaml`."""
+    gone, land = "{at_s: 14, station: gone}", landing.Landing.land
+    assert broken(flown(gone)) == []
+    monkeypatch.setattr(landing.Landing, "land", lambda self, tick, hold_s: land(self, tick, 0.0))
+    assert kinds(flown(gone)) == {Invariant.ACTS}
+
+
 def test_a_landing_that_is_done_in_the_air(good: FlownScenario) -> None:
     """Though the vehicle comes down later."""
     ended_s = good.statuses[-1].steps[-1].end_s
