@@ -22,7 +22,7 @@ from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.mission.compile.loader import LoadedMission, load
 from swarm_ctl.mission.compile.plan_file import named_by_hash, plan_to_json, read_plan
 from swarm_ctl.runfolder.truth import load_truth
-from tests.system.pair import BARE, agent, agent_in_waiting, ended, pair_mission, simulator
+from tests.system.pair import BARE, SPEEDUP, agent, agent_in_waiting, ended, pair_mission, simulator
 from tests.system.running import SWARM_CTL
 
 pytestmark = pytest.mark.timeout(120)
@@ -49,13 +49,13 @@ def test_two_agents_and_a_station_that_knows_the_mission(
     and keeps it, and addresses are options. A station without a run folder waits for them, tells
     their time and their flight, and sees the end.
     """
-    speedup, epoch_s = 2.0, time.monotonic()
+    speedup, epoch_s = SPEEDUP, time.monotonic()
     monkeypatch.setenv("SWARM_CTL_STATE", str(tmp_path / "state"))
     name, fleet = named_by_hash(mission.plan, mission.fleet), mission.fleet.agents
     own, peer = fleet[1], fleet[0]
     addresses = [f"--endpoint={own.endpoint}", f"--mesh={own.mesh}", f"--peer={peer.mesh}"]
     watching = subprocess.Popen(
-        [SWARM_CTL, "station", "--mission", mission.source, "--json", "--speedup", "2"],
+        [SWARM_CTL, "station", "--mission", mission.source, "--json", "--speedup", str(speedup)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

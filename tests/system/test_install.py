@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from swarm_ctl.mission.compile.plan_file import plan_to_json
-from tests.system.pair import agent, ended, pair_mission, simulator
+from tests.system.pair import SPEEDUP, agent, ended, pair_mission, simulator
 from tests.system.running import HEXAGON, ROOT
 
 pytestmark = pytest.mark.timeout(180)
@@ -78,7 +78,7 @@ def test_it_installs_no_name_that_others_may_have(core: Path) -> None:
 
 def test_the_core_flies_a_plan(core: Path, tmp_path: Path) -> None:
     """Two agents take off, form, land and exit with 0; plan and simulator come from the ground."""
-    mission, speedup, epoch_s = pair_mission(tmp_path), 2.0, time.monotonic()
+    mission, speedup, epoch_s = pair_mission(tmp_path), SPEEDUP, time.monotonic()
     plan = tmp_path / "plan.json"
     plan.write_text(plan_to_json(mission.plan, mission.fleet))
     agents = [agent(plan, i, epoch_s, speedup, command=core / "swarm-ctl", env=ENV) for i in (1, 2)]

@@ -17,11 +17,10 @@ from swarm_ctl.mission.compile.plan_file import plan_to_json
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.runfolder.last_statuses import STATUSES
 from swarm_ctl.runfolder.manifest import read_manifest, write_manifest
-from tests.system.pair import agent, ended, pair_mission, simulator
+from tests.system.pair import SPEEDUP, agent, ended, pair_mission, simulator
 from tests.system.running import SWARM_CTL
 
 pytestmark = pytest.mark.timeout(120)
-_SPEEDUP = 2.0
 _APART_S = 600.0
 """Between the agents' clocks: more than this flight can last."""
 _TRUTH = "from-the-simulator.jsonl"
@@ -32,7 +31,7 @@ def vehicles(tmp_path: Path) -> Iterator[subprocess.Popen[bytes]]:
     """A simulator of two vehicles, which ends by itself once they have flown."""
     mission = pair_mission(tmp_path, spacing=3)
     truth = str(tmp_path / _TRUTH)
-    simulated = simulator(mission, time.monotonic(), _SPEEDUP, truth_path=truth, once=True)
+    simulated = simulator(mission, time.monotonic(), SPEEDUP, truth_path=truth, once=True)
     with ended([simulated]):
         yield simulated
 
@@ -45,7 +44,7 @@ def station(vehicles: subprocess.Popen[bytes], tmp_path: Path) -> Iterator[subpr
     now = time.monotonic()
     watching = _station(mission, tmp_path)
     agents = [
-        agent(mission.source, i, now - _APART_S / _SPEEDUP * i, _SPEEDUP, "--expect-station")
+        agent(mission.source, i, now - _APART_S / SPEEDUP * i, SPEEDUP, "--expect-station")
         for i in (1, 2)
     ]
     with ended([watching, *agents]):
@@ -56,7 +55,7 @@ def _station(mission: LoadedMission, folder: Path) -> subprocess.Popen[str]:
     """It knows the plan alone: no mission lies where it is."""
     plan = folder / "plan.json"
     plan.write_text(plan_to_json(mission.plan, mission.fleet))
-    more = ["--headless", "--runs", folder / "runs", "--speedup", f"{_SPEEDUP:g}"]
+    more = ["--headless", "--runs", folder / "runs", "--speedup", f"{SPEEDUP:g}"]
     more += ["--truth", folder / _TRUTH]
     return subprocess.Popen(
         [SWARM_CTL, "station", "--mission", plan, *more],

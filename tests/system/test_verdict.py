@@ -13,7 +13,7 @@ import pytest
 
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.mission.compile.plan_file import plan_to_json
-from tests.system.pair import agent_in_waiting, ended, pair_mission, simulator
+from tests.system.pair import SPEEDUP, agent_in_waiting, ended, pair_mission, simulator
 from tests.system.running import Running
 
 pytestmark = pytest.mark.timeout(180)
@@ -34,7 +34,7 @@ def flight(where: Path, speedup: float) -> Iterator[tuple[Running, LoadedMission
 
 def test_a_run_without_truth_completes(tmp_path: Path) -> None:
     """Exit 0, all figures, and whose they are."""
-    with flight(tmp_path, 2.0) as (running, _):
+    with flight(tmp_path, SPEEDUP) as (running, _):
         assert running.wait() == 0, running.output
         running.assert_nothing_left()
         summary = running.summary()
