@@ -257,7 +257,7 @@ def _peers_gone(s: Situation) -> FailsafeTrigger | None:
     if s.progress.step == 0:
         after = max(after, _PATIENCE_S)
     for peer in s.awaited.peers:
-        silent = peer.silent_s > after
+        silent = peer.age_s > after and peer.silent_s > after  # no silence is longer than the age
         if not silent and peer.state is not None and peer.state.phase in _GOES_ON:
             continue
         steps = s.routes.of[peer.id].steps

@@ -529,8 +529,8 @@ class LawInputBuilder:
             agent, state, setpoint = peer.id, peer.state, peer.setpoint
             flies = peer.formation
             with_us = flies is not None and flies == key and agent in slots
-            age_s = peer.age(now) if peer.far else peer.age_s
-            lead = min(lead_s, age_s)
+            age_s = now - peer.true_s if peer.far else peer.age_s
+            lead = age_s if age_s < lead_s else lead_s  # noqa: FURB136 - without a call
             if plain:
                 point = peer.position / unit_m
             elif with_us and velocity:

@@ -159,13 +159,19 @@ class Peers:
         self, now: float, contacts: Sequence[Contact] = (), own_m: Point = (0.0, 0.0)
     ) -> PeerSnapshot:
         """The other aircraft now; `own_m` decides which contacts are the nearest ones."""
-        peers = self._vacated.at_rest(tuple([peer.view(now) for peer in self._by_id.values()]))
+        peers = self._vacated.at_rest(
+            tuple([p.seen if now < p.seen_until_s else p.view(now) for p in self._by_id.values()])
+        )
         traffic = self._traffic.unexplained(now, contacts, peers, own_m)
         self._vacated.look(now, contacts, peers, sees=bool(self._traffic.seen))
         self._compare(now)
         # one that the sensor sees where it was believed to be is not elsewhere
         seen = self._traffic.seen
-        elsewhere = [at for p in self if p.id not in seen and (at := p.elsewhere(now)) is not None]
+        elsewhere = [
+            at
+            for p in self._by_id.values()
+            if p.other is not None and p.id not in seen and (at := p.elsewhere(now)) is not None
+        ]
         return PeerSnapshot(now, peers, (*traffic, *elsewhere))
 
     def _compare(self, now: float) -> None:
@@ -193,6 +199,7 @@ _TURNS_S = 0.05
 """A clock that drifts faster than clocks do contradicts what is known of it by less."""
 _OVERDUE_S = 0.1
 """A far peer that is silent, or whose word has yet to last, is looked at so often."""
+_UNSEEN = OtherAircraft(TRAFFIC)
 _TWO = Suspicion(Doubt.SENDERS, "two senders speak as it")
 
 
@@ -247,8 +254,8 @@ class Peer:
     """Its newest state was a far word."""
     _counted: int | None = None
     """`seq` of its newest state, far words left out, since it is near and listened to."""
-    _view: OtherAircraft | None = None
-    _view_until_s: float = -math.inf
+    seen: OtherAircraft = _UNSEEN
+    seen_until_s: float = -math.inf
     """A far peer looks the same until then, unless it is heard."""
     _flew: bool = False
     """It has said that its vehicle is armed or flies: before, an estimate settles by metres."""
@@ -256,7 +263,8 @@ class Peer:
     _jumps: Jumps = NO_JUMPS
     _creep: Creep = field(default_factory=Creep)
     _heights: HeightJumps = field(default_factory=HeightJumps)
-    _other: _Other | None = None
+    other: _Other | None = None
+    """Its newest word that was not believed."""
     _back_s: float = -math.inf
     """When it last counted its states anew."""
     _stepped_s: float = 0.0
@@ -282,11 +290,11 @@ class Peer:
         """This peer at one tick; a far one's ages are those of a tick before."""
         if self.near_s != math.inf:
             return self._look(now)
-        if self._view is None or now >= self._view_until_s:
-            self._view = self._look(now)
+        if now >= self.seen_until_s:
+            self.seen = self._look(now)
             settled = not self._says and not self.suspect(now) and self.age(now) < FAR_EVERY_S
-            self._view_until_s = self.true_s + FAR_EVERY_S if settled else now + _OVERDUE_S
-        return self._view
+            self.seen_until_s = self.true_s + FAR_EVERY_S if settled else now + _OVERDUE_S
+        return self.seen
 
     def _look(self, now: float) -> OtherAircraft:
         """Never heard: no state, infinite age."""
@@ -336,23 +344,23 @@ class Peer:
         if near is (self.near_s != math.inf):
             return
         self.near_s = now if near else math.inf
-        self._counted, self._view_until_s = None, -math.inf
+        self._counted, self.seen_until_s = None, -math.inf
 
     def expel(self, now: float, *, out: bool) -> None:
         """Listen to it no more, or again."""
         if self.expelled and not out:
             self.listened_s, self._counted = now, None
-        self.expelled, self._view_until_s = out, -math.inf
+        self.expelled, self.seen_until_s = out, -math.inf
 
     def sleep(self, stop_s: float, now: float) -> None:
         """The agent itself was stopped for `stop_s` [s] before `now`: it could hear nobody."""
         told_s = min(self.received_s, self.true_s)
         self.listened_s = min(now, max(self.listened_s, told_s) + stop_s)
-        self._view_until_s = -math.inf
+        self.seen_until_s = -math.inf
 
     def elsewhere(self, now: float) -> OtherAircraft | None:
         """The other place where its vehicle may be, by the word that was not believed."""
-        other = self._other
+        other = self.other
         if other is None or now - other.received_s > SUSPECT_S:
             return None
         (north, east, _), age_s = other.state.position_ned_m, now - other.received_s
@@ -374,7 +382,7 @@ class Peer:
         dropped; gaps in `seq` count as lost, but those between far words."""
         if self.expelled:
             return False
-        self._view_until_s = -math.inf
+        self.seen_until_s = -math.inf
         believed = self._hear(state, received_s)
         newest = believed or state.seq == (self.state.seq if self.state else None)
         if newest:
@@ -433,7 +441,7 @@ class Peer:
         other_one = state.seq == old.seq and state.time_s != old.time_s
         jumped, _ = self.limits.jump(state, old, old.time_s - state.time_s, NO_JUMPS)
         if other_one or jumped is not None:
-            self._other = _Other(state, received_s, received_s)
+            self.other = _Other(state, received_s, received_s)
             self.doubt(_TWO, received_s)
 
     def _look_for_two(self, old: AgentState, state: AgentState, received_s: float) -> None:
@@ -477,13 +485,13 @@ class Peer:
 
     def _insists(self, finding: Suspicion, state: AgentState, received_s: float) -> bool:
         """It says this for `INSISTS_S`, and what was believed did not go on: so it is."""
-        other, jumps, since_s = self._other, NO_JUMPS, received_s
+        other, jumps, since_s = self.other, NO_JUMPS, received_s
         if other is not None and received_s - other.received_s <= NEIGHBOUR_S:
             told_s = state.time_s - other.state.time_s
             jumped, jumps = self.limits.jump(other.state, state, max(0.0, told_s), other.jumps)
             if jumped is None and 0.0 < told_s <= received_s - other.received_s + CLOCK_S:
                 since_s = other.since_s
-        self._other = _Other(state, received_s, since_s, jumps)
+        self.other = _Other(state, received_s, since_s, jumps)
         if finding.doubt is not Doubt.CLOCK or self._stepped_s > CLOCK_S:
             self.doubt(finding, received_s)
         return min(received_s - since_s, received_s - self.received_s) >= INSISTS_S
@@ -520,7 +528,7 @@ class Peer:
 
     def doubt(self, finding: Suspicion, now: float) -> None:
         """Its word is not believed."""
-        self._view_until_s = -math.inf
+        self.seen_until_s = -math.inf
         self.found, self._found_s = finding, now
 
     def _date(self, told_s: float, received_s: float) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import replace
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, TypeAlias
 
 from swarm_ctl.core.model.messages import AgentState, CommandKind, Phase
 from swarm_ctl.core.model.plan import Point
@@ -26,7 +26,8 @@ FormationKey: TypeAlias = tuple[str, int, int]
 """The group, its step, and the tag of the command that is flown in place of that, or 0."""
 
 
-class OtherAircraft(NamedTuple):
+@row
+class OtherAircraft:
     """A peer as it was heard last, or an aircraft that only the traffic sensor sees."""
 
     id: int

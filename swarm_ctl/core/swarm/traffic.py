@@ -108,7 +108,7 @@ class Traffic:
         if not followed:
             return [*range(len(at))]
         ages = [peer.age(now) if peer.far else peer.age_s for peer in followed]
-        told = list(map(_carried_on, followed, ages))
+        told = [_carried_on(peer, age_s) for peer, age_s in zip(followed, ages, strict=True)]
         explained: set[int] = set()
         seen = []
         for k, j in _near(at, told):
@@ -230,7 +230,7 @@ class Vacated:
         if at is None or peer.state is None:
             return peer
         place, state = _horizontal(at), replace(peer.state, position_ned_m=at)
-        return peer._replace(state=state, position=place, stop_point=place, setpoint=0j, down=True)
+        return replace(peer, state=state, position=place, stop_point=place, setpoint=0j, down=True)
 
 
 def _stands(contact: Contact, at: Vector3) -> bool:

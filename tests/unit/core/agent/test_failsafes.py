@@ -305,7 +305,7 @@ ROWS = [
     Row("silent after its end", case(peer(2, 60.0, step=LAST, done=True), peer(3))),
     Row("it lands", case(peer(2), peer(3, phase=Phase.LAND)), LANDS, "agent 3 broke the mission"),
     Row("it ended", case(peer(2), peer(3, phase=Phase.ENDED)), LANDS, "agent 3 broke the mission"),
-    Row("it lands, by one word", case(peer(2), peer(3, phase=Phase.LAND)._replace(ends=False))),
+    Row("it lands, by one word", case(peer(2), replace(peer(3, phase=Phase.LAND), ends=False))),
     Row("it lands in the last step", case(peer(2), peer(3, phase=Phase.LAND, step=LAST))),
     Row("it yields", case(peer(2), peer(3, phase=Phase.YIELD)), LANDS, "lost its vehicle to a"),
     Row(

@@ -353,7 +353,7 @@ def test_two_in_the_air_make_room_before_they_land() -> None:
 def below(away_m: float) -> Any:
     """A vehicle on the ground, so far off."""
     at = {"position_ned_m": (away_m, 0.0, 0.0), "stop_point_m": (away_m, 0.0)}
-    return peer(2, phase=Phase.ENDED, **at)._replace(down=True)
+    return replace(peer(2, phase=Phase.ENDED, **at), down=True)
 
 
 def unheard(away_m: float) -> Any:
@@ -376,7 +376,7 @@ STAYS = KeepClear(ground=False, room_m=WIDE_M, down=False)
         ((below(2.7),), 13.0, fix(), LandGoal()),
         ((below(2.7),), 13.0, MOVING, STAYS),  # it has only just come to rest there
         ((unheard(2.5),), 3.0, fix(), LandGoal()),
-        ((below(3.5), peer(3)._replace(stop_point=3.0 + 0j)), 3.0, fix(), STAYS),
+        ((below(3.5), replace(peer(3), stop_point=3.0 + 0j)), 3.0, fix(), STAYS),
     ],
 )
 def test_room_is_made_for_what_is_beside_and_below(
@@ -441,10 +441,10 @@ def test_a_small_formation_that_stands_lands_in_its_places(
     flight.own.interruption.lift()
     flight.own.progress.started_s = NOW
     near, off_m = beside(room_m), 7.0
-    near = near._replace(stop_point=near.stop_point + off_m)
+    near = replace(near, stop_point=near.stop_point + off_m)
     assert near.state is not None
     for later_s, theirs, ours in ((0.1, moves, own_moves), (0.2, still, still)):
-        other = near._replace(state=replace(near.state, velocity_ned_mps=theirs))
+        other = replace(near, state=replace(near.state, velocity_ned_mps=theirs))
         own = None if ours is None else fix(off_m, velocity=ours)
         one = flight.own.tick(other, peer(3), now=NOW + later_s, fix=own)
         done = flight.own.act(one, flight.own.landing.land(one))
@@ -590,7 +590,7 @@ def test_its_start_is_landed_on_but_where_something_stands_that_should_not(
     """The plan keeps it, whichever vehicle stands at its own start beside that."""
     own = Own(with_group(RETURNING, agents=CLOSE), step=LAST)
     at = {"position_ned_m": (0.0, peer_east_m, 0.0), "stop_point_m": (0.0, peer_east_m)}
-    lies = peer(2, phase=Phase.ENDED, **at)._replace(down=True)
+    lies = replace(peer(2, phase=Phase.ENDED, **at), down=True)
     for later_s in (0.0, 1.0, 1.1, 1.2):
         if later_s == 1.1:
             own.controller.set_zones(zones)  # added in flight

@@ -37,7 +37,7 @@ def global_fix(north: float) -> GlobalFix:
 
 
 def unknown_clock() -> OtherAircraft:
-    return peer(2)._replace(clock_unknown=True)
+    return replace(peer(2), clock_unknown=True)
 
 
 NEVER = float("inf")

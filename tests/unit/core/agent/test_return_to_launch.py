@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -80,7 +81,7 @@ def test_an_agent_that_hears_no_peer_knows_no_order() -> None:
     assert deserted(snapshot(peer(2, 2.0), peer(3, NEVER)))
     assert not deserted(snapshot(peer(2, 2.0), peer(3)))
     assert not deserted(snapshot(peer(2, NEVER), peer(3, NEVER)))
-    expelled = peer(3, 2.0)._replace(expelled=True)
+    expelled = replace(peer(3, 2.0), expelled=True)
     assert deserted(snapshot(peer(2, 2.0), expelled))
     assert not deserted(snapshot(peer(2, NEVER), expelled))
 

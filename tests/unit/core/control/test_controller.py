@@ -72,7 +72,7 @@ def test_a_silent_peer_may_have_flown_on_longer_after_a_far_word(rare: bool, fre
     """The agent leaves one second of the peer's last setpoint free, after a far word two: it does
     not fly there from ahead, and up to there it does."""
     told = {"setpoint_mps": (4.0, 0.0), "velocity_ned_mps": (4.0, 0.0, 0.0)}
-    silent = at(2, 0.0, 0.0, 6.0, **told)._replace(rare=rare)
+    silent = replace(at(2, 0.0, 0.0, 6.0, **told), rare=rare)
     margins = controller().safety_filter.margins
     asks_m = margins.keep_out + 3.0 * margins.growth
     for beyond_m, flies in ((0.0, False), (1.5, True)):

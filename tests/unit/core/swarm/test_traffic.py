@@ -62,7 +62,7 @@ def test_a_peer_that_stops_elsewhere_for_a_while_is_doubted() -> None:
     assert peers.suspects(now)[2].startswith("the traffic sensor sees it stop 12.0 m from")
 
 
-GONE = peer(2, 60.0, position_ned_m=(0.0, 0.0, -8.0))._replace(expelled=True)
+GONE = replace(peer(2, 60.0, position_ned_m=(0.0, 0.0, -8.0)), expelled=True)
 """The last place of a vehicle whose agent was expelled."""
 
 
@@ -102,5 +102,5 @@ def test_the_last_place_of_an_expelled_vehicle_is_free_by_evidence_alone(
     (seen,) = place.at_rest((GONE,))
     assert seen.down is free
     assert seen.expelled
-    assert place.at_rest((GONE._replace(expelled=False),)) == (GONE._replace(expelled=False),)
+    assert place.at_rest((replace(GONE, expelled=False),)) == (replace(GONE, expelled=False),)
     assert place.at_rest((GONE,)) == (GONE,)
