@@ -125,6 +125,7 @@ def run(
         swarm-ctl run missions/hexagon.yaml --ros2
         swarm-ctl run scenario.yaml --headless
     """
+    from swarm_ctl.cli.shared.machine import too_many
     from swarm_ctl.engine.launch.run_setup import Lockstep, RunOptions
     from swarm_ctl.engine.launch.supervisor import fly
     from swarm_ctl.engine.protection import Keys
@@ -151,6 +152,8 @@ def run(
     else:
         loaded = load(mission, fleet=fleet, vehicles=vehicles)
     console.warn(loaded.warnings)
+    if stepped is None:
+        console.warn(too_many(len(loaded.plan.agents), loaded.plan.tick_s, factor or 1.0))
     guarded = open_mesh or loaded.fleet.trust is not None
     own = zenoh_settings(zenoh_config, guarded=guarded)
     refuse_too_close(loaded, forecast(loaded.plan))

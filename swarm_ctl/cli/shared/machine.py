@@ -125,7 +125,7 @@ def _writable(folder: Path) -> bool:
     return os.access(there, os.W_OK | os.X_OK)
 
 
-AGENTS_A_CORE: Final = 16
+_AGENTS_A_CORE, _AT_TICKS_OF_S = 16, 0.05
 """In real time, simulator and station included: docs/understand/figures.md, "How a run grows"."""
 _PORTS: Final = (
     (socket.SOCK_DGRAM, GCS_PORT, "ground control software (--gcs)"),
@@ -155,10 +155,25 @@ def surroundings() -> Iterator[tuple[str, str, bool]]:
     yield "browser", browser or "none in the PATH; report.html opens on any other computer", False
 
 
+def carried(tick_s: float = _AT_TICKS_OF_S, speedup: float = 1.0) -> int:
+    """How many agents this machine carries by the wall clock: about."""
+    return round(_AGENTS_A_CORE * (os.cpu_count() or 1) * tick_s / (_AT_TICKS_OF_S * speedup))
+
+
+def too_many(agents: int, tick_s: float, speedup: float) -> list[str]:
+    """The warning where so many agents are more than this machine carries by the wall clock."""
+    most = carried(tick_s, speedup)
+    if agents <= most:
+        return []
+    fast = "in real time" if speedup == 1.0 else f"at {speedup:g} times real time"
+    flown = f"{agents} agents, {1 / tick_s:g} ticks a second, {fast}"
+    late = "over that ticks are late, and vehicles that hear nothing land"
+    instead = "`--speedup max` flies in lockstep, as slowly as it has to"
+    return [f"{flown}: this machine carries about {most}; {late}; {instead}"]
+
+
 def _size() -> str:
-    cores = os.cpu_count() or 1
-    agents = AGENTS_A_CORE * cores
-    size = f"{cores} cores{_memory()}: about {agents} agents in real time"
+    size = f"{os.cpu_count() or 1} cores{_memory()}: about {carried()} agents in real time"
     return f"{size}; more with --lockstep, or a --speedup under 1"
 
 

@@ -131,3 +131,20 @@ def test_a_vehicle_that_does_not_answer(tmp_path: Path, capsys: pytest.CaptureFi
     assert "agent 1: sysid 1 at tcp:127.0.0.1:9, ardupilot: not reached" in told
     assert "no heartbeat yet from sysid 1" in told
     assert "/dev/not-there" in told
+
+
+@pytest.mark.parametrize(
+    ("tick_s", "speedup", "most"),
+    [(0.05, 1.0, 32), (0.1, 1.0, 64), (0.05, 4.0, 8), (0.05, 0.5, 64)],
+)
+def test_more_agents_than_the_machine_carries_by_the_wall_clock_are_warned_of(
+    monkeypatch: pytest.MonkeyPatch, tick_s: float, speedup: float, most: int
+) -> None:
+    """On two cores: as many as it carries fly without a word; one more is told, with what would
+    fly."""
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    assert around.too_many(most, tick_s, speedup) == []
+    (said,) = around.too_many(most + 1, tick_s, speedup)
+    assert f"{most + 1} agents" in said
+    assert f"about {most};" in said
+    assert "--speedup max" in said
