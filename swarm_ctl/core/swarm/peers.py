@@ -255,6 +255,7 @@ class Peer:
     _counted: int | None = None
     """`seq` of its newest state, far words left out, since it is near and listened to."""
     seen: OtherAircraft = _UNSEEN
+    """A far peer as it was looked at last."""
     seen_until_s: float = -math.inf
     """A far peer looks the same until then, unless it is heard."""
     _flew: bool = False
