@@ -223,8 +223,8 @@ FAULTS: Final = (
         "failsafe-late",
         "waits three times as long for a silent agent",
         f"{_AGENT}/failsafes.py",
-        "peer.silent_s > after  #",
-        "peer.silent_s > 3.0 * after  #",
+        "and peer.silent_s > after",
+        "and peer.silent_s > 3.0 * after",
         r"kill|stop",
     ),
     Fault(

@@ -156,7 +156,7 @@ def surroundings() -> Iterator[tuple[str, str, bool]]:
 
 
 def carried(tick_s: float = _AT_TICKS_OF_S, speedup: float = 1.0) -> int:
-    """How many agents this machine carries by the wall clock: about."""
+    """About how many agents this machine carries by the wall clock, `speedup` times real time."""
     return round(_AGENTS_A_CORE * (os.cpu_count() or 1) * tick_s / (_AT_TICKS_OF_S * speedup))
 
 
@@ -168,7 +168,7 @@ def too_many(agents: int, tick_s: float, speedup: float) -> list[str]:
     fast = "in real time" if speedup == 1.0 else f"at {speedup:g} times real time"
     flown = f"{agents} agents, {1 / tick_s:g} ticks a second, {fast}"
     late = "over that ticks are late, and vehicles that hear nothing land"
-    instead = "`--speedup max` flies in lockstep, as slowly as it has to"
+    instead = "`--speedup max` flies simulated vehicles in lockstep, as slowly as it has to"
     return [f"{flown}: this machine carries about {most}; {late}; {instead}"]
 
 

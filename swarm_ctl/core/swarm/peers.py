@@ -159,6 +159,7 @@ class Peers:
         self, now: float, contacts: Sequence[Contact] = (), own_m: Point = (0.0, 0.0)
     ) -> PeerSnapshot:
         """The other aircraft now; `own_m` decides which contacts are the nearest ones."""
+        # few calls: a large swarm has a hundred, and most of them are far
         peers = self._vacated.at_rest(
             tuple([p.seen if now < p.seen_until_s else p.view(now) for p in self._by_id.values()])
         )
@@ -200,6 +201,7 @@ _TURNS_S = 0.05
 _OVERDUE_S = 0.1
 """A far peer that is silent, or whose word has yet to last, is looked at so often."""
 _UNSEEN = OtherAircraft(TRAFFIC)
+"""Of a peer that was not looked at yet: `seen_until_s` is over, so nobody reads it."""
 _TWO = Suspicion(Doubt.SENDERS, "two senders speak as it")
 
 
