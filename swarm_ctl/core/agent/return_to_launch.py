@@ -26,6 +26,8 @@ _SETTLE_S: Final = 1.0
 """At the own height this long before setting out: meanwhile the peers' states arrive. Two far words
 longer in a large swarm: the one that tells that a peer returns, and the own one."""
 _SLOW_MPS: Final = 0.3
+_MEAN_S: Final = 0.5
+"""A velocity's mean, by which a vehicle is slow: one word alone errs by as much as that."""
 _BLOCKED_S: Final = 8.0
 """Standing still this long on the way: something is in the way. For good, if it is no agent that
 comes down itself (a lost agent's vehicle): then the agent lands beside it."""
@@ -46,6 +48,9 @@ class ReturnToLaunch:
         self._settle_s = _SETTLE_S if hears_all(plan) else _SETTLE_S + 2.0 * FAR_EVERY_S
         self._at_height_since: float | None = None
         self._still_since: float | None = None
+        self._mean_share = plan.tick_s / (_MEAN_S + plan.tick_s)
+        self._mean_mps: complex | None = None
+        """Of the velocity on the way."""
         self._near_m = _NEAR * plan.law.r_out * plan.unit_m
         start, unit = plan.agent(own_id).start, plan.unit_m
         self.home_m: Point = (start[0] * unit, start[1] * unit)
@@ -74,7 +79,9 @@ class ReturnToLaunch:
 
     def _fly(self, peers: PeerSnapshot, fix: OwnFix) -> None:
         now = peers.now_s
-        moves = math.hypot(*fix.velocity_ned_mps[:2]) >= _SLOW_MPS
+        velocity = complex(*fix.velocity_ned_mps[:2])
+        mean = velocity if self._mean_mps is None else self._mean_mps
+        self._mean_mps = mean + self._mean_share * (velocity - mean)
         if deserted(peers):
             self.stage = ReturnStage.WAIT
         if self.stage is ReturnStage.WAIT:
@@ -82,7 +89,7 @@ class ReturnToLaunch:
             if not first and not deserted(peers):
                 self.stage, self._still_since = ReturnStage.FLY, None
             return
-        if moves:
+        if abs(self._mean_mps) >= _SLOW_MPS:
             self._still_since = None
             return
         self._still_since = now if self._still_since is None else self._still_since

@@ -118,6 +118,18 @@ def test_when_it_goes_down(
     assert way.stage is stage
 
 
+def test_one_slow_word_of_a_vehicle_that_drifts_over_its_start_lands_nobody() -> None:
+    """In wind it went on at 0.5 m/s under its landing mode, and was 3.4 m off."""
+    way = flying()
+    for k in range(20):
+        slow = k % 4 == 3
+        drifts = fix(0.3, velocity=(0.2 if slow else 0.5, 0.0, 0.0))
+        assert way.update(snapshot(now=NOW + 2.0 + 0.05 * k), drifts, way.height_m) is FLY
+    for k in range(40):
+        way.update(snapshot(now=NOW + 3.0 + 0.05 * k), fix(0.3), way.height_m)
+    assert way.stage is DOWN
+
+
 def test_without_a_position_nothing_changes_and_down_is_final() -> None:
     way = flying()
     assert way.update(snapshot(now=NOW + 99.0), None, 0.0) is FLY
