@@ -67,12 +67,12 @@ def _close_starts(mission: MissionFile, plan: Plan) -> Findings:
     if close:
         nearest, i, j = close[0]
         room = (nearest - plan.law.r_in) * unit >= CLIMB_ROOM_M - ROUNDING
-        over = f" of more than {CLIMB_WIND_MPS:g} m/s" if room else ""
+        when = f" of more than {CLIMB_WIND_MPS:g} m/s" if room else ", and as they land there"
         more = f" (and {len(close) - 1} more pairs)" if len(close) > 1 else ""
         what = (
             f"agents {i} and {j} start {said(nearest * unit, mission)} apart{more},"
-            f" inside each other's avoidance region (law.r_out, {said(r_out * unit, mission)}): in"
-            f" wind{over} they may come under law.r_in as they take off"
+            f" inside each other's avoidance region (law.r_out, {said(r_out * unit, mission)}): they"
+            f" may come under law.r_in as they take off in wind{when}"
         )
         yield Mistake(("agents",), what, "")
 
