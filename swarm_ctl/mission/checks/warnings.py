@@ -71,8 +71,8 @@ def _close_starts(mission: MissionFile, plan: Plan) -> Findings:
         more = f" (and {len(close) - 1} more pairs)" if len(close) > 1 else ""
         what = (
             f"agents {i} and {j} start {said(nearest * unit, mission)} apart{more},"
-            f" inside each other's avoidance region (law.r_out, {said(r_out * unit, mission)}): they"
-            f" may come under law.r_in as they take off in wind{when}"
+            f" inside each other's avoidance region (law.r_out, {said(r_out * unit, mission)}):"
+            f" they may come under law.r_in as they take off in wind{when}"
         )
         yield Mistake(("agents",), what, "")
 
