@@ -3,7 +3,7 @@ run."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -95,9 +95,29 @@ def rerun(path: Path, row: int) -> Rerun:
     return Rerun(batch, rows_of(batch, flown)[0], before, trace)
 
 
-def write_mission(flown: Rerun, path: Path) -> list[str]:
-    """The mission as a file for `swarm-ctl run`; what the row flew and a mission cannot carry, by
-    name and value."""
+def write_mission(flown: Rerun, path: Path, form_begins_s: Callable[[Path], float]) -> list[str]:
+    """The mission as a file for `swarm-ctl run`: a scenario where states were lost or late, or
+    agents died. `form_begins_s` says of a mission's file when its form step begins [s]: deaths are
+    counted from there. Returns what the row flew and the file cannot carry, by name and value."""
+    batch, mission = flown.batch, _mission(flown)
+    path.write_text(yaml.safe_dump(mission, sort_keys=False))
+    mesh = {name: float(getattr(batch, name)[0]) for name in ("loss", "jitter_s")}
+    if len(delays := set(batch.delay_s[:, 0].tolist())) == 1:
+        mesh["delay_s"] = delays.pop()
+    mesh = {name: number for name, number in mesh.items() if number > 0.0}
+    silent_s = {k: float(s) for k, s in enumerate(batch.silent_s[:, 0], start=1) if np.isfinite(s)}
+    if mesh or silent_s:
+        from_s = form_begins_s(path) if silent_s else 0.0
+        deaths = [{"at_s": round(from_s + s, 3), "kill": [k]} for k, s in silent_s.items()]
+        scenario = {"version": 1, "name": mission["name"], "mission": mission}
+        scenario |= {"mesh": mesh} if mesh else {}
+        scenario |= {"happens": deaths} if deaths else {}
+        path.write_text(yaml.safe_dump(scenario, sort_keys=False))
+    return list(_not_carried(batch))
+
+
+def _mission(flown: Rerun) -> dict[str, Any]:
+    """Of the row, without what befell its mesh and its agents."""
     batch, cell = flown.batch, flown.batch.cell
     law = cell.law
     document: dict[str, Any] = {
@@ -119,6 +139,7 @@ def write_mission(flown: Rerun, path: Path) -> list[str]:
         | _own_law(law),
         "vehicle": {"limits": {"speed_mps": cell.speed_mps}},
         "safety": _safety(cell),
+        "policies": {"agent_lost": "continue"},
         "agents": [{"id": k + 1, "start": start} for k, start in enumerate(_pairs(batch.starts))],
         "shapes": {"shape": {"kind": "offsets", "offsets": _pairs(batch.slots)}},
         "steps": [{"takeoff": {"height_m": 10}}, {"form": _form_step(cell)}, "land"],
@@ -136,8 +157,7 @@ def write_mission(flown: Rerun, path: Path) -> list[str]:
         from_deg = float(np.degrees(batch.wind_from_rad[0]))
         wind = {"SIM_WIND_SPD": float(batch.wind_mps[0]), "SIM_WIND_DIR": from_deg}
         document["simulation"] = {"parameters": wind}
-    path.write_text(yaml.safe_dump(document, sort_keys=False))
-    return list(_not_carried(batch))
+    return document
 
 
 def _own_law(law: LawParameters) -> dict[str, Any]:
@@ -148,20 +168,15 @@ def _own_law(law: LawParameters) -> dict[str, Any]:
 
 
 def _not_carried(batch: Batch) -> Iterator[str]:
-    """The mesh of a run is what it is, and no mission kills an agent."""
     delay_s = batch.delay_s[:, 0]
-    if delay_s.any():
-        yield f"delay_s {_ends(delay_s)}"
+    if delay_s.min() < delay_s.max():
+        yield f"delay_s {_ends(delay_s)}, of each agent its own"
     if batch.cell.vehicle in AUTOPILOT_KINDS and (late_s := batch.late_s[:, 0]).any():
         yield f"late_s {_ends(late_s)}"
     if batch.woods[0] is not None:
         yield "a move in file whatever room there is (where all have a way together, they take it)"
-    for name in ("jitter_s", "loss", "burst_s"):
-        if (number := float(getattr(batch, name)[0])) > 0:
-            yield f"{name} {number:.3g}"
-    for agent, silent_s in enumerate(batch.silent_s[:, 0], start=1):
-        if np.isfinite(silent_s):
-            yield f"the death of agent {agent} after {silent_s:.1f} s"
+    if (burst_s := float(batch.burst_s[0])) > 0:
+        yield f"burst_s {burst_s:.3g}"
     if batch.cell.vehicle == "ideal":
         yield "vehicles that answer at once (simulated ArduCopters fly instead)"
 

@@ -124,7 +124,8 @@ def study(
         ),
     ] = None,
     mission: Annotated[
-        Path | None, option("FILE", "With --row or --search: write it as a mission for `run`.")
+        Path | None,
+        option("FILE", "With --row or --search: write it for `run`, with its deaths and losses."),
     ] = None,
     search: Annotated[
         str | None,
@@ -319,10 +320,20 @@ def _rerun(
         draw_mission(flown, picture)
         console.say(f"picture: {picture}")
     if mission is not None:
-        lost = write_mission(flown, mission)
+        lost = write_mission(flown, mission, _form_begins_s)
         console.say(f"mission: swarm-ctl run {mission}")
         if lost:
-            console.say(f"the row flew with what a mission cannot carry: {'; '.join(lost)}")
+            console.say(f"the row flew with what a file cannot carry: {'; '.join(lost)}")
+
+
+def _form_begins_s(mission: Path) -> float:
+    """When all are up and the second step begins, on the virtual clock."""
+    from swarm_ctl.mission.compile.loader import load
+    from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
+
+    swarm = VirtualSwarm(load(mission))
+    swarm.wait(lambda flight: flight.in_step(2))
+    return swarm.now
 
 
 def paper(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from swarm_ctl.mission.compile.loader import load
 from swarm_ctl.study.executor import run_study
 from swarm_ctl.study.parameter_space import Study
 from swarm_ctl.study.rerun import Rerun, rerun, write_mission
+from swarm_ctl.virtual.scenario import MeshQuality, load_scenario
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from tests.on_demand import on_demand
 
@@ -24,6 +26,11 @@ UNLIKE: dict[str, Any] = {
     "limit_s": 25.0,
     "model_dead_time_s": 0.4,
 }
+
+
+def never_asked(mission: Path) -> float:
+    """Nobody dies: when the form step begins does not matter."""
+    raise AssertionError(mission)
 
 
 def flown(folder: Path, **settings: Any) -> Rerun:
@@ -39,7 +46,7 @@ def test_the_vehicles_of_a_row_fly_again(dead_time_s: float, tmp_path: Path) -> 
     """On the virtual clock the smallest distance is the row's, whether the vehicles answer as their
     agents believe or later."""
     row = flown(tmp_path, n=4, dead_time_s=dead_time_s)
-    assert write_mission(row, tmp_path / "row.yaml") == []
+    assert write_mission(row, tmp_path / "row.yaml", never_asked) == []
     swarm = VirtualSwarm(load(tmp_path / "row.yaml"))
     swarm.run(30.0)
     smallest = swarm.closest_m / row.batch.cell.unit_m
@@ -55,7 +62,7 @@ def test_each_agent_keeps_its_own_vehicle_and_its_belief(tmp_path: Path) -> None
         "acceleration_mps2": "2:4",
     }
     row = flown(tmp_path, **truth, speed_mps=7, model_lag_s=0.3, law={"delta_a": 0.2})
-    write_mission(row, tmp_path / "row.yaml")
+    write_mission(row, tmp_path / "row.yaml", never_asked)
     mission = load(tmp_path / "row.yaml")
     for k, entry in enumerate(mission.fleet.agents):
         true = entry.simulated_response
@@ -67,8 +74,25 @@ def test_each_agent_keeps_its_own_vehicle_and_its_belief(tmp_path: Path) -> None
     assert mission.plan.law.delta_a == 0.2
 
 
-def test_what_a_mission_cannot_carry_is_named(tmp_path: Path) -> None:
-    """The mesh's delay and losses, and deaths."""
-    row = flown(tmp_path, delay_s=0.1, jitter_s=0.05, loss=0.2, burst_s=0.3, silent=1, limit_s=3)
-    names = [lost.split()[0] for lost in write_mission(row, tmp_path / "row.yaml")]
-    assert names == ["delay_s", "jitter_s", "loss", "burst_s", "the"]
+def test_deaths_and_losses_make_it_a_scenario(tmp_path: Path) -> None:
+    """Its mission, its mesh, and each death so long after the form step begins."""
+    row = flown(tmp_path, delay_s=0.1, jitter_s=0.05, loss=0.2, silent=1, silent_agents=2)
+    assert (
+        write_mission(row, tmp_path / "row.yaml", lambda mission: load(mission).plan.unit_m) == []
+    )
+    scenario, mission = load_scenario(tmp_path / "row.yaml")
+    assert scenario.mesh == MeshQuality(loss=0.2, delay_s=0.1, jitter_s=0.05)
+    after_s = row.batch.silent_s[:, 0]
+    died = [k for k in range(row.batch.cell.n) if math.isfinite(after_s[k])]
+    assert len(died) == 2
+    assert [each.kill for each in scenario.happens] == [(k + 1,) for k in died]
+    at_s = [each.at_s - mission.plan.unit_m for each in scenario.happens]
+    assert at_s == pytest.approx([after_s[k] for k in died], abs=0.001)
+
+
+def test_what_neither_can_carry_is_named(tmp_path: Path) -> None:
+    """Bursts, and a delay of each agent."""
+    row = flown(tmp_path, delay_s="0:0.1", spread="agent", loss=0.2, burst_s=0.3, limit_s=3)
+    lost = write_mission(row, tmp_path / "row.yaml", never_asked)
+    assert [each.split()[0] for each in lost] == ["delay_s", "burst_s"]
+    assert load_scenario(tmp_path / "row.yaml")[0].mesh == MeshQuality(loss=0.2)

@@ -135,7 +135,7 @@ def test_a_find_flies_again_on_the_virtual_clock(tmp_path: Path) -> None:
     found = worst(study, Goal.SMALLEST, 64, flown)
     run_study(found.study, tmp_path / "worst.csv", 1, Console(file=io.StringIO()))
     again = rerun(tmp_path / "worst.csv", found.row["row"])
-    assert write_mission(again, tmp_path / "worst.yaml") == []
+    assert write_mission(again, tmp_path / "worst.yaml", lambda _: 0.0) == []
     swarm = VirtualSwarm(load(tmp_path / "worst.yaml"))
     swarm.run(25.0)
     smallest = swarm.closest_m / study.unit_m

@@ -108,7 +108,7 @@ def test_a_row_of_a_wood_is_a_mission_with_the_same_zones(tmp_path: Any) -> None
     """And its move goes in file where the planner says so."""
     batch, trace = woods(missions=1, trunks=25), Trace()
     flown = Rerun(batch, rows_of(batch, fly(batch, trace))[0], None, trace)
-    write_mission(flown, tmp_path / "wood.yaml")
+    write_mission(flown, tmp_path / "wood.yaml", lambda _: 0.0)
     plan = loads((tmp_path / "wood.yaml").read_text()).plan
     assert len(plan.zones) == 25
     assert np.allclose([z.radius_m for z in plan.zones], batch.woods[0].radius * 5.0)
