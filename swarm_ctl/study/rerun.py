@@ -20,7 +20,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.study.batch.batch import Batch
 from swarm_ctl.study.batch.batch_flight import fly
 from swarm_ctl.study.executor import batch_of_row
-from swarm_ctl.study.parameter_space import LEVELS, Cell
+from swarm_ctl.study.parameter_space import LEVELS, Cell, Study
 from swarm_ctl.study.rows import Row, read_rows, rows_of, study_of
 
 _ORIGIN = {"lat_deg": -35.363262, "lon_deg": 149.165237, "alt_m": 584}
@@ -84,14 +84,19 @@ class Rerun:
         return found
 
 
-def rerun(path: Path, row: int) -> Rerun:
-    """Fly row `row` of the study at `path` again. InputError where the study has no such row."""
-    study = study_of(path)
+def rerun(path: Path, row: int, study: Study | None = None) -> Rerun:
+    """Fly row `row` of the study at `path` again, or of `study`, whether `path` has its rows or is
+    not there. InputError where the study has no such row, or `path` has another one's."""
+    if study is None:
+        study = study_of(path)
+    elif path.exists() and study_of(path) != study:
+        raise InputError(f"{path} has the rows of another study; choose another --out")
     if row >= study.rows:
-        raise InputError(f"--row {row}: {path} has the rows 0 to {study.rows - 1}")
+        raise InputError(f"--row {row}: the study has the rows 0 to {study.rows - 1}")
     batch, trace = batch_of_row(study, row), Trace()
     flown = fly(batch, trace)
-    before = next((found for found in read_rows(path) if found["row"] == row), None)
+    there = read_rows(path) if path.exists() else iter(())
+    before = next((found for found in there if found["row"] == row), None)
     return Rerun(batch, rows_of(batch, flown)[0], before, trace)
 
 

@@ -113,7 +113,8 @@ def study(
         option("FILE", "Draw what fails over the last list of numbers in --by: .svg or .png."),
     ] = None,
     row: Annotated[
-        int | None, option("NUMBER", "Fly this row of --out again, alone.", min=0)
+        int | None,
+        option("NUMBER", "Fly this row alone: of the study that is said, or of --out's.", min=0),
     ] = None,
     picture: Annotated[
         Path | None,
@@ -169,30 +170,34 @@ def study(
     from swarm_ctl.study.rows_table import tables
 
     console = PlainConsole()
-    if row is not None and search is not None:
-        raise InputError("--search: not with --row, which is one mission")
+    leagues = law is not None and "," in law
+    if row is not None and (search is not None or leagues):
+        what = "several laws" if leagues else "--search"
+        raise InputError(f"{what}: not with --row, which is one mission")
     name = file.stem if file else "study"
     out = out or Path(f"{name}-{search}.csv" if search else f"{name}.csv")
     for path, name in ((picture, "--picture"), (mission, "--mission"), (curves, "--curves")):
         if path is not None:
             require_writable(path, f"choose with {name}")
-    if row is not None:
-        _rerun(out, row, picture, mission, console)
-        return
     in_law = {"r": r, "r_out": r_out, "r_in": r_in, "delta_l": delta_l, "delta_a": delta_a}
     given = {
         **context.meta.get(_GIVEN, {}),
         "law": _those(in_law | {"own": law, "parameters": _numbers(parameters)}),
         "by": by,
     }
-    leagues = law is not None and "," in law
     if leagues:
         if parameters is not None:
             raise InputError("--parameters: allowed: with one law")
         # as missions fly it; a study's own default is the gain that is safe without the filter
         given = {"h": str(LEAGUE_H)} | given | {"law": _those(in_law)}
+    if row is not None and file is None and not _those(given):
+        _rerun(out, row, None, picture, mission, console)
+        return
     said = study_file(file, _those(given))
     plan = said.study
+    if row is not None:
+        _rerun(out, row, plan, picture, mission, console)
+        return
     require_writable(out, "choose with --out")
     if leagues:
         if search is not None:
@@ -203,7 +208,7 @@ def study(
     if search is not None:
         _check_extras(out, processes, cluster)
         found = _search(plan, search, budget, out, processes, cluster, console)
-        _rerun(out, found, picture, mission, console)
+        _rerun(out, found, None, picture, mission, console)
         return
     names = _varied(said.by, plan) if by else tuple(n for n in said.by if n in plan.varied)
     _check_extras(out, processes, cluster)
@@ -308,11 +313,16 @@ def _league(
 
 
 def _rerun(
-    out: Path, row: int, picture: Path | None, mission: Path | None, console: PlainConsole
+    out: Path,
+    row: int,
+    plan: Study | None,
+    picture: Path | None,
+    mission: Path | None,
+    console: PlainConsole,
 ) -> None:
     from swarm_ctl.study.rerun import rerun, write_mission
 
-    flown = rerun(out, row)
+    flown = rerun(out, row, plan)
     console.print(flown.table())
     if picture is not None:
         from swarm_ctl.study.mission_figures import draw_mission

@@ -128,6 +128,22 @@ def test_the_command_leaves_a_row_that_flies_again(
     assert command(monkeypatch, *given) == 2
 
 
+def test_a_row_flies_without_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of the study that is said, options included; no rows are there, and none are written."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "few.yaml").write_text("n: 2,3\nmissions: 9\nlimit_s: 2\n")
+    given = ["few.yaml", "--n", "4", "--row", "7", "--mission", "row.yaml"]
+    assert command(monkeypatch, *given) in (0, None)
+    assert "mission: swarm-ctl run row.yaml" in capsys.readouterr().out
+    assert len(load(tmp_path / "row.yaml").fleet.agents) == 4
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["few.yaml", "row.yaml"]
+    assert command(monkeypatch, "few.yaml", "--row", "18") == 2
+    assert "rows 0 to 17" in capsys.readouterr().err
+    assert command(monkeypatch, "--law", "orca,paper", "--row", "1") == 2
+
+
 def test_a_find_flies_again_on_the_virtual_clock(tmp_path: Path) -> None:
     """Real agents, drivers and simulated vehicles come about as near as the worst row did."""
     facing = {"n": 3, "start": "crossing", "slots": "given", "limit_s": 20, "spread": "agent"}

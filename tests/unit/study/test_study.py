@@ -154,6 +154,10 @@ def test_a_row_flown_alone_is_the_row(
         assert {name: str(number) for name, number in flown.row.items()} == {
             name: str(number) for name, number in flown.before.items()
         }
+        alone = rerun(tmp_path / "none.csv", row, study)
+        assert (alone.row, alone.before) == (flown.row, None)
+    with pytest.raises(InputError, match="another study"):
+        rerun(path, 0, study.model_copy(update={"seed": 6}))
     with pytest.raises(InputError, match="rows 0 to 23"):
         rerun(path, 24)
 
