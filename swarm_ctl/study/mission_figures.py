@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -44,10 +45,13 @@ def draw_mission(flown: Rerun, path: Path) -> None:
     title = f"row {flown.batch.row[0]}: smallest distance {flown.row['smallest_units']:.2f}, " + (
         f"formed after {flown.row['time_s']:.1f} s" if flown.row["converged"] else "not formed"
     )
+    if math.isfinite(to_silent := flown.row["smallest_silent_units"]):
+        title += f"\nsmallest distance to a vehicle that fell silent (×): {to_silent:.2f}"
     made, axes = figure(title, 5.2, 4.8)
     tracks = flown.trace.positions()
     trajectories(axes, tracks, agent_names(tracks.shape[2]), hull_order(flown.batch.slots[..., 0]))
     _draw_wood(flown.batch, axes)
+    _draw_deaths(flown, axes)
     if path.suffix != ".gif":
         made.savefig(path, dpi=150)
         return
@@ -66,6 +70,15 @@ def draw_mission(flown: Rerun, path: Path) -> None:
         return dots
 
     FuncAnimation(made, show, frames=chosen.tolist()).save(path, writer=PillowWriter(fps=20))
+
+
+def _draw_deaths(flown: Rerun, axes: Axes) -> None:
+    """Where each agent fell silent."""
+    time_s, tracks = flown.trace.time_s, flown.trace.positions()
+    for k, silent_s in enumerate(flown.batch.silent_s[:, 0].tolist()):
+        if silent_s <= time_s[-1]:
+            north, east = tracks[np.searchsorted(time_s, silent_s), :, k]
+            axes.plot(east, north, "x", color="black", markersize=8, zorder=6)
 
 
 def _draw_wood(batch: Batch, axes: Axes) -> None:
