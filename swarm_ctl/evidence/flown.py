@@ -20,6 +20,7 @@ from typing import Any, Final
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
+from swarm_ctl.cores import cores
 from swarm_ctl.engine.clock import date_and_time, wall_s
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.evidence.claims import ClaimRow, Figure, FlownWith
@@ -86,7 +87,7 @@ class Evidence:
         self.made = {
             "version": version(),
             "commit": commit() or "unknown",
-            "machine": f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}",
+            "machine": f"{platform.machine()}, {cores()} cores, {platform.system()}",
             "python": platform.python_version(),
             "numpy": np.__version__,
         }

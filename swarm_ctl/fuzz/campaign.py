@@ -21,6 +21,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+from swarm_ctl.cores import cores
 from swarm_ctl.engine.clock import cpu_s, wall_s
 from swarm_ctl.engine.launch.flight_process import FlightProcess, ProgramFlight
 from swarm_ctl.engine.launch.run_setup import Lockstep, RunOptions
@@ -155,7 +156,7 @@ class Campaign:
     ) -> Iterator[DrawnFlight]:
         """Fly those that are missing of so many, each as it is done. At `until_s` of `wall_s` it
         ends; flights that are not done by then are lost. StartError: a process that flies died."""
-        workers = processes or os.cpu_count() or 1
+        workers = processes or cores()
         with _pool(workers) as each, (self.folder / FLIGHTS).open("a", encoding="utf-8") as file:
             for first in range(0, flights, BATCH):
                 numbers = range(first, min(first + BATCH, flights))

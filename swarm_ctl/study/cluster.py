@@ -10,7 +10,6 @@ import hashlib
 import importlib.resources
 import json
 import logging
-import os
 import platform
 import signal
 from collections.abc import Callable, Iterator
@@ -23,6 +22,7 @@ from typing import Final, TypeVar
 import numpy as np
 from distributed import Client, KilledWorker, LocalCluster, as_completed
 
+from swarm_ctl.cores import cores
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.installed import version
 from swarm_ctl.signals import deaf_children, deaf_tracker, hears
@@ -94,7 +94,7 @@ def code_hash() -> str:
 @contextmanager
 def _client(scheduler: str, workers: int | None) -> Iterator[Client]:
     if scheduler == LOCAL:
-        count = workers or os.cpu_count() or 1
+        count = workers or cores()
         deaf_tracker()
         with deaf_children():
             local = LocalCluster(

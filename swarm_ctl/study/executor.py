@@ -4,7 +4,6 @@ are flown."""
 from __future__ import annotations
 
 import multiprocessing
-import os
 import signal
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing
@@ -16,6 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from swarm_ctl.core.model.plan import LawParameters
+from swarm_ctl.cores import cores
 from swarm_ctl.law_loader import own_law_of
 from swarm_ctl.signals import deaf_children, deaf_tracker, hears
 from swarm_ctl.study.batch.batch import Batch, blocks, draw, flown_alike, joined
@@ -107,7 +107,7 @@ def _flown(
     work: dict[int, _Block], processes: int | None, cluster: str | None
 ) -> Generator[tuple[int, list[Row]], None, None]:
     """The rows of each block, as they come."""
-    workers = processes or os.cpu_count() or 1
+    workers = processes or cores()
     remote = cluster not in (None, "local")
     groups = dict(enumerate(_groups(work, _ELSEWHERE if remote else workers)))
     blocks_of = {k: tuple(work[block] for block in group) for k, group in groups.items()}

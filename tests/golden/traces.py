@@ -8,7 +8,6 @@ import gzip
 import hashlib
 import json
 import multiprocessing
-import os
 import platform
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -20,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from swarm_ctl.cores import cores
 from swarm_ctl.mavlink.framer import Framer
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.memory_transport import MemoryTransport
@@ -103,7 +103,7 @@ def fly(
     """The hash of each row's flight; with a folder its trace is written there."""
     # the longest first, so that none begins last
     ordered = sorted(names, key=lambda name: (name not in CUT_S, name.isdigit(), name))
-    workers = min(processes or os.cpu_count() or 1, len(ordered))
+    workers = min(processes or cores(), len(ordered))
     one = partial(_row, folder=folder)
     if workers == 1:
         return dict(map(one, ordered))

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from swarm_ctl.core.model.fleet import VehicleKind
+from swarm_ctl.cores import cores
 from swarm_ctl.engine.system import GROUND_ALONE, lacks, lacks_for_lockstep
 from swarm_ctl.engine.vehicle_memory import VehicleMemory, state_folder
 from swarm_ctl.engine.vehicles.binaries import find
@@ -157,7 +158,7 @@ def surroundings() -> Iterator[tuple[str, str, bool]]:
 
 def carried(tick_s: float = _AT_TICKS_OF_S, speedup: float = 1.0) -> int:
     """About how many agents this machine carries by the wall clock, `speedup` times real time."""
-    return round(_AGENTS_A_CORE * (os.cpu_count() or 1) * tick_s / (_AT_TICKS_OF_S * speedup))
+    return round(_AGENTS_A_CORE * cores() * tick_s / (_AT_TICKS_OF_S * speedup))
 
 
 def too_many(agents: int, tick_s: float, speedup: float) -> list[str]:
@@ -173,7 +174,7 @@ def too_many(agents: int, tick_s: float, speedup: float) -> list[str]:
 
 
 def _size() -> str:
-    size = f"{os.cpu_count() or 1} cores{_memory()}: about {carried()} agents in real time"
+    size = f"{cores()} cores{_memory()}: about {carried()} agents in real time"
     return f"{size}; more with --lockstep, or a --speedup under 1"
 
 

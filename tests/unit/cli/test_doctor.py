@@ -4,6 +4,8 @@ vehicle that is not there."""
 from __future__ import annotations
 
 import json
+import math
+import os
 import re
 import socket
 from datetime import UTC, datetime
@@ -15,6 +17,7 @@ import typer
 from swarm_ctl.cli.checks.doctor import doctor
 from swarm_ctl.cli.shared import machine as around
 from swarm_ctl.core.model.vehicle import OwnParameters, OwnValue, VehicleIdentity
+from swarm_ctl.cores import cores
 from swarm_ctl.engine.vehicle_memory import VehicleMemory
 from swarm_ctl.errors import InputError
 from swarm_ctl.trust import provision
@@ -134,6 +137,19 @@ def test_a_vehicle_that_does_not_answer(tmp_path: Path, capsys: pytest.CaptureFi
 
 
 @pytest.mark.parametrize(
+    ("quota", "share"), [("max 100000", math.inf), ("50000 100000", 1), ("100000 100000", 1)]
+)
+def test_a_container_has_as_many_cores_as_it_is_allowed(
+    tmp_path: Path, quota: str, share: float
+) -> None:
+    """Some of a core is one; without a quota, or the file, all that this process may use."""
+    (tmp_path / "cpu.max").write_text(quota + "\n")
+    here = cores(tmp_path / "none")
+    assert cores(tmp_path / "cpu.max") == min(share, here)
+    assert 1 <= here <= (os.cpu_count() or 1)
+
+
+@pytest.mark.parametrize(
     ("tick_s", "speedup", "most"),
     [(0.05, 1.0, 32), (0.1, 1.0, 64), (0.05, 4.0, 8), (0.05, 0.5, 64)],
 )
@@ -142,7 +158,7 @@ def test_more_agents_than_the_machine_carries_by_the_wall_clock_are_warned_of(
 ) -> None:
     """On two cores: as many as it carries fly without a word; one more is told, with what would
     fly."""
-    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    monkeypatch.setattr(around, "cores", lambda: 2)
     assert around.too_many(most, tick_s, speedup) == []
     (said,) = around.too_many(most + 1, tick_s, speedup)
     assert f"{most + 1} agents" in said
