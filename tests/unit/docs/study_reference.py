@@ -27,7 +27,7 @@ the code by `{COMMAND}`.
 swarm-ctl study studies/mix.yaml                                 # a file, the rows in mix.csv
 swarm-ctl study studies/mix.yaml --seed 2 --missions 1000 --out mix2.csv
 swarm-ctl study --n 4,6,9 --slots random,nearest --missions 2000 # options alone
-swarm-ctl study --out mix.csv --row 11 --picture 11.gif --mission 11.yaml
+swarm-ctl study studies/mix.yaml --row 11 --picture 11.gif --mission 11.yaml
 ```
 
 - Every study that these pages cite is a file below. An option replaces what the file says.

@@ -23,6 +23,7 @@ RUNS = {1001: "16667", 1002: "38889"}
         (1001, 1645828, "smallest_silent_units", 0.467),
         (1002, 2909326, "smallest_silent_units", 0.450),
         (1002, 3367619, "smallest_silent_units", 0.498),
+        (1002, 5240878, "smallest_silent_units", 0.480),
     ],
 )
 def test_a_rare_failure_flies_again(
