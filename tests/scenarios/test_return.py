@@ -25,10 +25,6 @@ law: {r: 4.5, r_out: 1.5, r_in: 0.5}
 """
 
 
-WARNED = 0.75
-"""[of r_in]: so near may those come whose starts, `validate` says, are too close."""
-
-
 def mission(starts: list[tuple[float, float]], steps: list[str], more: str = "") -> str:
     agents = "".join(f"  - {{id: {k}, start: [{n}, {e}]}}\n" for k, (n, e) in enumerate(starts, 1))
     shapes = f"shapes:\n  row: {{kind: line, count: {len(starts)}, spacing: 2}}\n"
@@ -41,8 +37,9 @@ def grid(count: int, spacing: float) -> list[tuple[float, float]]:
     return [(round(spacing * (k // side), 3), round(spacing * (k % side), 3)) for k in range(count)]
 
 
-def flown_home(text: str, seed: int, within_s: float) -> float:
-    """How long the return lasts [s]; all of the property is checked on the way."""
+def flown_home(text: str, seed: int, within_s: float, least: float = 1.0) -> float:
+    """How long the return lasts [s]; all of the property is checked on the way. `least` [of r_in]:
+    less than 1 where `validate` has warned of the starts."""
     loaded = loads(text)
     plan = loaded.plan
     swarm, begun_s = VirtualSwarm(loaded, seed), math.inf
@@ -55,8 +52,9 @@ def flown_home(text: str, seed: int, within_s: float) -> float:
     assert swarm.all_down
     assert set(swarm.outcomes().values()) == {Outcome.COMPLETED}
     warned = any("and as they land there" in str(warning) for warning in loaded.warnings)
-    least_m = (WARNED if warned else 1.0) * plan.law.r_in * plan.unit_m
-    assert min(swarm.minimum.values(), default=math.inf) >= least_m
+    assert warned or least == 1.0
+    closest_m = min(swarm.minimum.values(), default=math.inf)
+    assert closest_m >= least * plan.law.r_in * plan.unit_m
     at = swarm.positions()
     for agent in plan.agents:
         home = [c * plan.unit_m for c in agent.start]
@@ -105,6 +103,8 @@ def drawn(seed: int) -> str:
     return mission(grid(count, round(rng.uniform(0.6, 2.8), 2)), [*steps, "return"], more)
 
 
+TOO_CLOSE = {23: 0.85, 35: 0.79, 53: 0.88, 75: 0.87, 90: 0.94}
+"""[of r_in] By seed: so near pairs come, of starts that `validate` warns of."""
 DAILY = (1, 2, 3)
 """Of two to five; one is turned, in wind, and one is moved, each with both autopilots."""
 
@@ -113,7 +113,7 @@ DAILY = (1, 2, 3)
     "seed", [seed if seed in DAILY else on_demand(seed) for seed in range(100)]
 )
 def test_all_come_home(seed: int) -> None:
-    flown_home(drawn(seed), seed, 240.0)
+    flown_home(drawn(seed), seed, 240.0, TOO_CLOSE.get(seed, 1.0))
 
 
 @pytest.mark.parametrize("seed", [0, on_demand(2)])
