@@ -21,7 +21,7 @@ from swarm_ctl.study.batch.batch import Batch
 from swarm_ctl.study.batch.batch_flight import fly
 from swarm_ctl.study.executor import batch_of_row
 from swarm_ctl.study.parameter_space import LEVELS, Cell, Study
-from swarm_ctl.study.rows import Row, read_rows, rows_of, study_of
+from swarm_ctl.study.rows import Row, has_rows, read_rows, rows_of, study_of
 
 _ORIGIN = {"lat_deg": -35.363262, "lon_deg": 149.165237, "alt_m": 584}
 
@@ -87,16 +87,14 @@ class Rerun:
 def rerun(path: Path, row: int, study: Study | None = None) -> Rerun:
     """Fly row `row` of the study at `path` again, or of `study`, whether `path` has its rows or is
     not there. InputError where the study has no such row, or `path` has another one's."""
-    if study is None:
-        study = study_of(path)
-    elif path.exists() and study_of(path) != study:
-        raise InputError(f"{path} has the rows of another study; choose another --out")
+    study = study or study_of(path)
+    there = has_rows(path, study)
     if row >= study.rows:
         raise InputError(f"--row {row}: the study has the rows 0 to {study.rows - 1}")
     batch, trace = batch_of_row(study, row), Trace()
     flown = fly(batch, trace)
-    there = read_rows(path) if path.exists() else iter(())
-    before = next((found for found in there if found["row"] == row), None)
+    rows = read_rows(path) if there else iter(())
+    before = next((found for found in rows if found["row"] == row), None)
     return Rerun(batch, rows_of(batch, flown)[0], before, trace)
 
 

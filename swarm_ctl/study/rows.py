@@ -128,17 +128,23 @@ class _ParquetFolder:
         parquet_parts.write_part(self._path, block, rows)
 
 
+def has_rows(path: Path, study: Study) -> bool:
+    """Whether rows of the study are at `path`; InputError where they are another study's."""
+    if not (path.is_dir() or (path.exists() and path.stat().st_size)):
+        return False
+    if study_of(path) != study:
+        raise InputError(
+            f"{path} has the rows of another study (see {_about(path)}); choose another --out"
+        )
+    return True
+
+
 def rows_file(path: Path, study: Study) -> RowsFile:
     """The file for the study's rows, by its suffix; what is there of it stays.
 
     InputError where it holds another study's rows.
     """
-    if path.is_dir() or (path.exists() and path.stat().st_size):
-        if study_of(path) != study:
-            raise InputError(
-                f"{path} has the rows of another study (see {_about(path)}); choose another --out"
-            )
-    else:
+    if not has_rows(path, study):
         path.parent.mkdir(parents=True, exist_ok=True)
         _about(path).write_text(study.model_dump_json(indent=1) + "\n")
     return _ParquetFolder(path, study) if _is_parquet(path) else _CsvFile(path, study)

@@ -174,7 +174,8 @@ def too_many(agents: int, tick_s: float, speedup: float) -> list[str]:
 
 
 def _size() -> str:
-    size = f"{cores()} cores{_memory()}: about {carried()} agents in real time"
+    have = "1 core" if cores() == 1 else f"{cores()} cores"
+    size = f"{have}{_memory()}: about {carried()} agents in real time"
     return f"{size}; more with --lockstep, or a --speedup under 1"
 
 

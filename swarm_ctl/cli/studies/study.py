@@ -342,8 +342,11 @@ def _form_begins_s(mission: Path) -> float:
     from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 
     swarm = VirtualSwarm(load(mission))
-    swarm.wait(lambda flight: flight.in_step(2))
-    return swarm.now
+    while any(member.alive for member in swarm.members.values()):
+        if swarm.in_step(2):
+            return swarm.now
+        swarm.tick()
+    raise InputError(f"{mission}: its take-off ends the flight, so the row's deaths have no time")
 
 
 def paper(

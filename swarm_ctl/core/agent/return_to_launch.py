@@ -27,7 +27,8 @@ _SETTLE_S: Final = 1.0
 longer in a large swarm: the one that tells that a peer returns, and the own one."""
 _SLOW_MPS: Final = 0.3
 _MEAN_S: Final = 0.5
-"""A velocity's mean, by which a vehicle is slow: one word alone errs by as much as that."""
+"""The mean of the velocity over so long says whether the vehicle is slow: one word of it errs by up
+to `_SLOW_MPS`."""
 _BLOCKED_S: Final = 8.0
 """Standing still this long on the way: something is in the way. For good, if it is no agent that
 comes down itself (a lost agent's vehicle): then the agent lands beside it."""

@@ -201,7 +201,7 @@ _TURNS_S = 0.05
 _OVERDUE_S = 0.1
 """A far peer that is silent, or whose word has yet to last, is looked at so often."""
 _UNSEEN = OtherAircraft(TRAFFIC)
-"""Of a peer that was not looked at yet: `seen_until_s` is over, so nobody reads it."""
+"""Of a peer that was not looked at yet: `seen_until_s` is over, so no snapshot reads it."""
 _TWO = Suspicion(Doubt.SENDERS, "two senders speak as it")
 
 

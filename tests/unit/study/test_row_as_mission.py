@@ -29,7 +29,7 @@ UNLIKE: dict[str, Any] = {
 
 
 def never_asked(mission: Path) -> float:
-    """Nobody dies: when the form step begins does not matter."""
+    """A row in which no agent dies does not ask when its form step begins."""
     raise AssertionError(mission)
 
 
