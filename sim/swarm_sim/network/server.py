@@ -36,7 +36,7 @@ _STANDS_S = 10.0
 """Mission time after which vehicles that stand have landed: none takes off again so late."""
 _BATCH = 50
 """Steps done at a stretch while catching up, before sockets are looked at again."""
-_STOP_S, _STOP_WALL_S, _SPRINT = 0.5, 0.2, 2.0
+_STOP_S, _STOP_WALL_S, _SPRINT = 0.5, 0.2, 1.25
 """After a stop of so much mission time and wall-clock time, the world goes on at most so many times
 as fast as the clock until it has caught up."""
 _GATHER_S = 0.005

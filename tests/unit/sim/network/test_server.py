@@ -105,7 +105,22 @@ def test_a_stopped_simulator_does_not_take_the_time_for_silence(offboard: Offboa
     offboard.serve()
     assert offboard.firmware.mode is OFFBOARD
     assert not offboard.firmware.failsafe
-    assert offboard.clock.time_s < began_s + 4.2  # twice as fast as the clock
+    assert offboard.clock.time_s < began_s + 10.2  # a quarter faster than the clock
+
+
+def test_a_client_that_wakes_later_than_the_simulator_is_not_silent(offboard: Offboard) -> None:
+    """After a stop of both it has nearly as long for its next setpoint as without a stop."""
+    stopped_s, late_s = offboard.clock.time_s + 1.5, 0.7
+    offboard.clock.time_s = stopped_s
+
+    def wakes() -> None:
+        if offboard.clock.time_s >= stopped_s + late_s:
+            offboard.speak()
+
+    offboard.clock.told = wakes
+    offboard.serve()
+    assert offboard.firmware.mode is OFFBOARD
+    assert not offboard.firmware.failsafe
 
 
 def test_a_stopped_simulator_notices_a_silent_client(offboard: Offboard) -> None:
