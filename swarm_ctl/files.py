@@ -62,10 +62,18 @@ def replacing(path: Path, mode: int = 0o666, *, durable: bool = False) -> Iterat
         path: its folder is there.
         mode: permissions, less the umask, where `path` is no regular file yet; else they stay.
         durable: the new file is on the disk when the block has ended.
+
+    Raises:
+        OSError: it can't be written, or `path` is a folder; `filename` is `path`.
     """
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     part = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
-    descriptor = os.open(part, flags, mode)
+    try:
+        descriptor = os.open(part, flags, mode)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
     try:
         with os.fdopen(descriptor, "wb") as file:
             yield file

@@ -264,7 +264,7 @@ def fleet_in(path: Path) -> Fleet:
 
 def is_mission(path: Path) -> bool:
     """Whether it is a mission and no fleet file; MissionError where it can't be read."""
-    data = yaml_file.read(path, what="fleet").data
+    data = yaml_file.read(path, what="fleet", also=("mission",)).data
     return isinstance(data, dict) and "steps" in data
 
 

@@ -6,7 +6,7 @@ import contextlib
 import os
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from swarm_ctl.engine.agent.agent_process import AgentConfig
     from swarm_ctl.engine.companion import Companion
     from swarm_ctl.engine.fetched_plan import AgentPost
+    from swarm_ctl.mission.compile.loader import LoadedMission
     from swarm_ctl.mission.compile.offers import PlanName
 
 _PEER: Final = (
@@ -209,8 +210,11 @@ def _clock_of(run: Path) -> str:
     return found
 
 
-def plan_and_fleet(file: Path, fleet: Path | None) -> tuple[Plan, Fleet]:
-    """Of a plan file, or of a mission file with the fleet it names, or this one."""
+def plan_and_fleet(
+    file: Path, fleet: Path | None, look: Callable[[LoadedMission], None] = lambda _: None
+) -> tuple[Plan, Fleet]:
+    """Of a plan file, or of a mission file with the fleet it names, or this one; `look` at the
+    mission."""
     from swarm_ctl.mission.compile.plan_file import is_plan_file, read_plan
 
     if not is_plan_file(file):
@@ -218,6 +222,7 @@ def plan_and_fleet(file: Path, fleet: Path | None) -> tuple[Plan, Fleet]:
         from swarm_ctl.mission.compile.loader import load
 
         loaded = load(file, fleet=fleet)
+        look(loaded)
         return loaded.plan, loaded.fleet
     if fleet is not None:
         raise InputError(

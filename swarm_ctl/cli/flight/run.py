@@ -61,7 +61,11 @@ _LOCKSTEP: Final = (
     " same seed gives the same flight."
 )
 _SEED: Final = "Seed of all random numbers.  [default: 1; of a scenario: its own]"
-_PATIENCE: Final = "In lockstep, go on without a process that has been stopped for so long."
+_PATIENCE_S: Final = 10.0
+_PATIENCE: Final = (
+    "In lockstep, go on without a process that has been stopped for so long."
+    f"  [default: {_PATIENCE_S:g}]"
+)
 _WITH: Final = "In lockstep, do not start before this member has joined, too."
 _LIFELINE: Final = (
     "For a program that starts this: the number of an open pipe. When its other end is closed, the"
@@ -93,8 +97,8 @@ def run(
     seed: Annotated[int | None, option("NUMBER", _SEED, min=0)] = None,
     lockstep: Annotated[bool, switch("--lockstep", _LOCKSTEP)] = False,
     patience: Annotated[
-        float, option("SECONDS", _PATIENCE, "--lockstep-patience", min=1.0, max=3600.0)
-    ] = 10.0,
+        float | None, option("SECONDS", _PATIENCE, "--lockstep-patience", min=1.0, max=3600.0)
+    ] = None,
     lockstep_with: Annotated[list[str] | None, option("NAME", _WITH)] = None,
     lifeline: Annotated[int | None, option("NUMBER", _LIFELINE, min=3)] = None,
     record_hz: Annotated[str, option("TOPIC=HZ,...", _RECORD)] = "",
@@ -138,7 +142,10 @@ def run(
     factor = _factor(speedup)
     stepped, scripted = None, is_scenario(mission)
     if lockstep or scripted or speedup == "max":
-        stepped = Lockstep(factor, patience, tuple(lockstep_with or ()))
+        stepped = Lockstep(factor, patience or _PATIENCE_S, tuple(lockstep_with or ()))
+    elif patience is not None or lockstep_with:
+        name = "--lockstep-with" if lockstep_with else "--lockstep-patience"
+        raise InputError(f"{name}: this run is in real time; allowed: beside --lockstep")
     show = shown(headless=headless, json=json)
     console = PlainConsole(stderr=json)
     if show is Show.DASHBOARD and not console.is_terminal:
@@ -179,10 +186,18 @@ def run(
         script=script,
         lifeline=lifeline,
     )
-    if lifeline is not None and not stat.S_ISFIFO(os.fstat(lifeline).st_mode):
+    if lifeline is not None and not _is_pipe(lifeline):
         raise InputError(f"--lifeline {lifeline}: is no pipe; allowed: the reading end of one")
-    if junit is not None and not (junit.parent.is_dir() and os.access(junit.parent, os.W_OK)):
+    if junit is not None and (junit.is_dir() or not os.access(junit.parent, os.W_OK)):
         raise InputError(f"--junit {junit}: can't be written; allowed: a file in a folder that may")
+    started = {agent.started_as for agent in loaded.fleet.agents}
+    for name, kind, given in (
+        ("--arducopter", VehicleKind.ARDUCOPTER, arducopter),
+        ("--px4", VehicleKind.PX4, px4),
+        ("--px4-log", VehicleKind.PX4, px4_log),
+    ):
+        if given and kind not in started:
+            raise InputError(f"{name}: no {kind} flies here; allowed: beside --vehicles {kind}")
     out = sys.stderr if json else sys.stdout
 
     def show_result(folder: Path, summary: Summary, interrupts: Interrupts) -> None:
@@ -192,6 +207,13 @@ def run(
 
     result = fly(loaded, options, say, show_result)
     raise typer.Exit(exit_code(result.summary, result.interrupts))
+
+
+def _is_pipe(number: int) -> bool:
+    try:
+        return stat.S_ISFIFO(os.fstat(number).st_mode)
+    except OSError:  # nothing is open there
+        return False
 
 
 def _refuse_beside_a_scenario(path: Path, options: dict[str, Any]) -> None:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from swarm_ctl.deploy.bundle import Bundle
     from swarm_ctl.deploy.report import HostReport
     from swarm_ctl.deploy.rollout import Hosts, HostState
+    from swarm_ctl.mission.compile.loader import LoadedMission
 
 
 _WAIT: Final = "How long to wait for hosts that are offline."
@@ -67,7 +68,7 @@ def deploy(
     from swarm_ctl.mission.fleet.exposure import exposures, refuse_exposed
 
     console = PlainConsole()
-    plan, entries = plan_and_fleet(file, fleet)
+    plan, entries = plan_and_fleet(file, fleet, look=lambda mission: _look(console, mission))
     if not open_mesh:
         refuse_exposed(exposures(entries), str(fleet or file), entries.trust)
     made = bundles_of(plan, entries, open_mesh=open_mesh, expect_station=expect_station)
@@ -126,6 +127,14 @@ def _who(fleet: Fleet) -> str:
     hosts = fleet.hosts()
     agents = "agent" if len(fleet.agents) == 1 else "agents"
     return f"{len(fleet.agents)} {agents} on {len(hosts)} host{'s' * (len(hosts) != 1)}"
+
+
+def _look(console: PlainConsole, mission: LoadedMission) -> None:
+    """What `plan` says of a mission, it says here, too."""
+    from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
+
+    console.warn(mission.warnings)
+    refuse_too_close(mission, forecast(mission.plan))
 
 
 def _write(console: PlainConsole, made: Mapping[str, Bundle], folder: Path) -> None:

@@ -93,6 +93,7 @@ def plan(
         swarm-ctl plan missions/square.yaml --fleet outdoors.yaml
         swarm-ctl plan missions/hexagon.yaml --out hexagon.json
     """
+    from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
     from swarm_ctl.mission.compile.loader import load
     from swarm_ctl.mission.compile.plan_file import named_by_hash, plan_to_json
     from swarm_ctl.runfolder.files import write_whole
@@ -100,6 +101,7 @@ def plan(
     console = PlainConsole()
     loaded = load(mission, fleet=fleet)
     console.warn(loaded.warnings)
+    refuse_too_close(loaded, forecast(loaded.plan))
     require_writable(out, "choose with --out")
     write_whole(out, plan_to_json(loaded.plan, loaded.fleet))
     agents, name = len(loaded.plan.agents), named_by_hash(loaded.plan, loaded.fleet)

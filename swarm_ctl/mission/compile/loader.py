@@ -111,7 +111,7 @@ def _graft_fleet(source: Document, path: Path, fleet: Path | None) -> Path:
     """Put a fleet file's content where the mission names the file; the folder of the fleet."""
     if not isinstance(source.data, dict):
         return path.parent
-    named = source.data.get("fleet")
+    named, given = source.data.get("fleet"), fleet is not None
     if fleet is None and isinstance(named, str):
         fleet = path.parent / named
     if fleet is None:
@@ -122,7 +122,7 @@ def _graft_fleet(source: Document, path: Path, fleet: Path | None) -> Path:
         # Without a line in the fleet file, the mission's line that names it is the place to look.
         source.problems += [
             Problem(p.where, "fleet", p.what, p.allowed)
-            if p.where != str(fleet)
+            if given or p.where != str(fleet)
             else source.problem(("fleet",), f"{fleet} {p.what}", p.allowed)
             for p in error.problems
         ]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -95,8 +96,9 @@ def write(data: Any) -> str:
     )
 
 
-def read(path: Path, *, what: str = "mission") -> Document:
-    """Read a YAML file; MissionError if it can't be read or parsed at all."""
+def read(path: Path, *, what: str = "mission", also: Sequence[str] = ()) -> Document:
+    """Read a YAML file; MissionError if it can't be read or parsed at all, or is another kind of
+    file than `what`, and than those that it may `also` be."""
     try:
         data = read_bytes(path, _MOST_BYTES)
     except OSError as error:
@@ -105,9 +107,11 @@ def read(path: Path, *, what: str = "mission") -> Document:
             raise _refuse(f"{path}:1", "the file is too large", allowed) from error
         reason = error.strerror or str(error)
         raise _refuse(str(path), f"can't be read: {reason}", f"a readable {what} file") from error
-    if known := foreign(data[:65_536].decode("utf-8", "replace")):
-        allowed = f"a {what} file; `swarm-ctl missions copy hexagon` makes one to begin with"
-        raise _refuse(f"{path}:1", f"this is {known}, no {what}", allowed)
+    known = foreign(data[:65_536].decode("utf-8", "replace"))
+    if known == _PLAN:
+        raise _other(path, known, what, f"{_PLAN} is flown by swarm-ctl agent")
+    if known:
+        raise _other(path, known, what, "`swarm-ctl missions copy hexagon` makes one to begin with")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -115,7 +119,23 @@ def read(path: Path, *, what: str = "mission") -> Document:
         raise _refuse(
             f"{path}:{line}", f"is not text: {error.reason} at byte {error.start}", "UTF-8 text"
         ) from error
-    return parse(text, str(path))
+    document = parse(text, str(path))
+    if (own := kind_of(document.data)) and own not in (what, *also):
+        raise _other(path, f"a {own}", what, _USES[own])
+    return document
+
+
+def kind_of(data: Any) -> str:
+    """Which of the files of ours has such fields at its top; '' where that is not sure."""
+    names = set(data) if isinstance(data, dict) else set()
+    if "steps" in names:
+        return "mission"
+    for kind, own, of_missions in _OURS:
+        if own in names and not names & of_missions:
+            entries = data[own] if isinstance(data[own], tuple) else ()
+            start = any(isinstance(entry, dict) and "start" in entry for entry in entries)
+            return "" if start else kind
+    return ""
 
 
 def nodes(text: str) -> Node | None:
@@ -203,6 +223,10 @@ def _syntax(error: yaml.MarkedYAMLError, text: str, name: str) -> MissionError:
     return _refuse(where, f"YAML: {what}", "well-formed YAML")
 
 
+def _other(path: Path, known: str, what: str, hint: str) -> MissionError:
+    return _refuse(f"{path}:1", f"this is {known}, no {what}", f"a {what} file; {hint}")
+
+
 def _refuse(where: str, what: str, allowed: str) -> MissionError:
     return MissionError((problem_at(where, dotted(()), what, allowed),))
 
@@ -266,6 +290,20 @@ class _Converter:
         self._document.problems.append(problem_at(self._where(node), dotted(place), what, allowed))
 
 
+_USES: Final = {
+    "mission": "swarm-ctl run flies a mission, and a scenario names it in `mission`",
+    "scenario": "swarm-ctl run and swarm-ctl fuzz --replay fly a scenario",
+    "fleet": "a fleet is named by --fleet, or by `fleet` in a mission",
+    "study": "swarm-ctl study flies a study",
+}
+"""What each kind of file of ours is for."""
+_OURS: Final = (
+    ("scenario", "mission", {"agents", "shapes", "origin", "law"}),
+    ("study", "missions", {"agents", "shapes", "origin"}),
+    ("fleet", "agents", {"name", "shapes", "origin", "law"}),
+)
+"""A kind of file, a field that it has, and what only a mission has that is not finished."""
+_PLAN: Final = "a plan file"
 _KINDS: Final = (
     ("PK\x03\x04", "", "a zip archive (a Skybrush show or a .kmz)"),
     ("QGC WPL", "", "a waypoint file (QGC WPL)"),
@@ -274,6 +312,7 @@ _KINDS: Final = (
     ("<", "", "an XML file"),
     ("{", '"fileType"', "a QGroundControl plan"),
     ("{", '"Feature', "a GeoJSON file"),
+    ("{", '"schema_version"', _PLAN),
     ("# Onboard parameters", "", "a parameter file of an autopilot"),
     ("", "\nrobot_types:", "a crazyflies.yaml (Crazyswarm2)"),
 )

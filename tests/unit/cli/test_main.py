@@ -268,3 +268,29 @@ def test_a_signal_ends_a_command_in_one_line(number: int, wait_s: float, tmp_pat
         said = process.stderr.read()
     assert process.returncode == 130
     assert re.fullmatch(rb"ended: (Ctrl-C|SIGTERM|the terminal was closed)\n", said)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--junit", "."], "--junit .: can't be written"),
+        (["--lockstep-with", "x"], "--lockstep-with: this run is in real time"),
+        (["--lockstep-patience", "5", "--speedup", "3"], "--lockstep-patience: this run is in"),
+        (["--px4", "x"], "--px4: no px4 flies here; allowed: beside --vehicles px4"),
+        (["--px4-log"], "--px4-log: no px4 flies here"),
+        (["--arducopter", "x"], "--arducopter: no arducopter flies here"),
+        (["--lifeline", "990"], "--lifeline 990: is no pipe"),
+    ],
+)
+def test_run_refuses_what_it_would_ignore(
+    words: list[str],
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    """An option that this run has no use for, or can't use, is said before anything flies: no
+    flight of simulated vehicles for one who forgot `--vehicles px4`, none whose JUnit is lost."""
+    assert called(monkeypatch, "run", MISSION, "--runs", str(tmp_path), "--headless", *words) == 2
+    assert f"error: {said}" in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())

@@ -10,7 +10,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from swarm_ctl.cli.missions.missions import schema, show, validate
+from swarm_ctl.cli.hosts.deploy import deploy
+from swarm_ctl.cli.missions.missions import plan, schema, show, validate
 from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.errors import InputError, MissionError
 from swarm_ctl.mission.compile.forecast import FormForecast, StepForecast, forecast
@@ -23,6 +24,8 @@ CHANGED = [("stop_point  #", "none  #"), ("align: true", "filter: false"), ("h: 
 app = typer.Typer()
 app.command()(validate)
 app.command()(schema)
+app.command()(plan)
+app.command()(deploy)
 
 
 def shown(path: Path, forecasts: list[StepForecast] | None = None, *, full: bool = False) -> str:
@@ -52,15 +55,17 @@ def test_it_shows_what_will_be_flown() -> None:
     assert "warning" not in text
 
 
-def test_a_forecast_under_r_in_is_refused(tmp_path: Path) -> None:
-    """Two change places by the plain law, which nothing stops."""
+@pytest.mark.parametrize("command", ["validate", "plan", "deploy"])
+def test_a_forecast_under_r_in_is_refused(command: str, tmp_path: Path) -> None:
+    """Two change places by the plain law, which nothing stops: it is not shown as one that can be
+    flown, and no drone's computer gets it."""
     text = HEXAGON.read_text().replace("slots: nearest", "slots: fixed")
     for old, new in CHANGED:
         assert old in text
         text = text.replace(old, new)
     path = tmp_path / "through.yaml"
     path.write_text(text)
-    result = CliRunner().invoke(app, ["validate", str(path)])
+    result = CliRunner().invoke(app, [command, str(path)])
     assert isinstance(result.exception, MissionError)
     (problem,) = result.exception.problems
     assert (problem.where, problem.field) == (f"{path}:32", "step 2, form")

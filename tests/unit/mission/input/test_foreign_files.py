@@ -8,6 +8,10 @@ import pytest
 
 from swarm_ctl.errors import MissionError
 from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.study.parameter_space import study_file
+from swarm_ctl.virtual.scenario import load_scenario
+
+HEXAGON = Path("missions/hexagon.yaml")
 
 FILES = {
     "a QGroundControl plan": '{\n  "fileType": "Plan",\n  "geoFence": {"circles": []}\n}',
@@ -31,6 +35,48 @@ def test_a_file_of_another_program_is_named_in_one_line(name: str, tmp_path: Pat
     (problem,) = caught.value.problems
     assert problem.what == f"this is {name}, no mission"
     assert "swarm-ctl missions copy" in problem.allowed
+
+
+OWN = {
+    "a plan file": '{\n  "schema_version": 3,\n  "plan": {}\n}',
+    "a scenario": "version: 1\nname: rough\nmission: pair.yaml\nhappens: []\n",
+    "a study": "missions: 50\nlaw: {h: 0.1}\n",
+    "a fleet": "version: 1\nagents:\n  - {id: 1, sysid: 11}\n",
+}
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_another_file_of_ours_is_named_in_one_line(name: str, tmp_path: Path) -> None:
+    """Not as a mission in which each field is wrong; and what takes such a file is said."""
+    path = tmp_path / "given"
+    path.write_text(OWN[name])
+    with pytest.raises(MissionError) as caught:
+        load(path)
+    (problem,) = caught.value.problems
+    assert (problem.where, problem.what) == (f"{path}:1", f"this is {name}, no mission")
+    assert "swarm-ctl" in problem.allowed or "--fleet" in problem.allowed
+
+
+def test_a_mission_is_no_fleet_no_scenario_and_no_study(tmp_path: Path) -> None:
+    """Where `--fleet` names it, `fuzz --replay` or `study`: one line, too. A mission without its
+    steps is still one, with its own mistakes."""
+    with pytest.raises(MissionError, match="this is a mission, no fleet"):
+        load(HEXAGON, fleet=HEXAGON)
+    with pytest.raises(MissionError, match="this is a mission, no scenario"):
+        load_scenario(HEXAGON)
+    with pytest.raises(MissionError, match="this is a mission, no study"):
+        study_file(HEXAGON, {})
+    begun = tmp_path / "begun.yaml"
+    begun.write_text("version: 1\nagents:\n  - {id: 1, start: [0, 0]}\n")
+    with pytest.raises(MissionError, match="steps: is missing"):
+        load(begun)
+
+
+def test_a_fleet_that_is_not_there_is_not_looked_for_in_the_mission() -> None:
+    """`--fleet nope` is blamed itself, not the last line of a mission that names no fleet."""
+    with pytest.raises(MissionError) as caught:
+        load(HEXAGON, fleet="nope")
+    assert [problem.where for problem in caught.value.problems] == ["nope"]
 
 
 @pytest.mark.parametrize(("row", "between"), [("0;2", "semicolons"), ("0\t2", "tabs")])

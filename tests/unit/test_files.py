@@ -1,0 +1,21 @@
+"""Files that are written whole: what they say where they can't be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from swarm_ctl.files import replacing
+
+
+@pytest.mark.parametrize("name", [".", "folder", "none/page.html"])
+def test_a_place_that_can_not_be_written_is_named_itself(name: str, tmp_path: Path) -> None:
+    """A folder (`--out .`), or a file in a folder that is not there: the error has the path that
+    was given, no name of a file in between, and nothing is left."""
+    (tmp_path / "folder").mkdir()
+    path = tmp_path / name
+    with pytest.raises(OSError) as caught, replacing(path):  # noqa: PT011
+        pass
+    assert caught.value.filename == str(path)
+    assert sorted(each.name for each in tmp_path.rglob("*")) == ["folder"]
