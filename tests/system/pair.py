@@ -31,8 +31,8 @@ policies: {{agent_lost_after_s: 10}}
 shapes:
   pair: {{kind: line, spacing: {spacing}}}
 steps:
-  - takeoff: {{height_m: 5}}
-  - form: {{shape: pair}}
+  - takeoff: {{height_m: 2}}
+  - form: {{shape: pair, settle_s: {settle_s}, timeout_s: 900}}
   - land
 fleet:
   agents:
@@ -45,16 +45,19 @@ fleet:
 SPEEDUP = 2.0
 """Of a flight in real time that has to be completed. A busy machine stood still for 2.9 s once: at
 three times the speed that is longer than a vehicle's own failsafe waits (5 s)."""
-BARE = MISSION.format(vehicles=[1, 2], meshes=[3, 4], spacing=2).partition("fleet:")[0]
+HELD_S = 600
+"""Of the form step: the flight lasts until it is broken off, on a machine of any speed."""
+BARE = MISSION.format(vehicles=[1, 2], meshes=[3, 4], spacing=2, settle_s=1).partition("fleet:")[0]
 """Without a fleet."""
 
 
-def pair_mission(folder: Path, spacing: int = 2) -> LoadedMission:
+def pair_mission(folder: Path, spacing: int = 2, settle_s: int = 1) -> LoadedMission:
     """The mission in `folder`, on free ports of this host. With a `spacing` of 3 units the vehicles
     form where they stand."""
     path = folder / "pair.yaml"
     vehicles, meshes = (free_ports(2, kind) for kind in (socket.SOCK_DGRAM, socket.SOCK_STREAM))
-    path.write_text(MISSION.format(vehicles=vehicles, meshes=meshes, spacing=spacing))
+    where = {"vehicles": vehicles, "meshes": meshes}
+    path.write_text(MISSION.format(**where, spacing=spacing, settle_s=settle_s))
     return load(path)
 
 

@@ -82,6 +82,8 @@ class Running:
         return found
 
     def kill(self, name: str, number: signal.Signals = signal.SIGKILL) -> None:
+        """A process of the run, once `run` has told of all."""
+        self.wait_for((self.folder / "processes.json").exists)
         os.kill(self.pids[name], number)
 
     def interrupt(self) -> None:

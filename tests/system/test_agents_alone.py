@@ -102,12 +102,13 @@ def test_two_agents_and_a_station_that_knows_the_mission(
 
 
 def test_an_agent_is_killed_and_started_again(
-    mission: LoadedMission, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """SIGKILL while they form, started again by hand: it takes its vehicle over, both complete,
     apart; no station. All have the plan that was fetched before. Its link is signed: it signs on
     above its last stamp."""
-    speedup, epoch_s = 2.0, time.monotonic()
+    speedup, epoch_s = SPEEDUP, time.monotonic()
+    mission = pair_mission(tmp_path, settle_s=5)  # it is killed before the step is done
     key = tmp_path / "mavlink.key"
     key.write_bytes(bytes(range(32)))
     key.chmod(0o600)
@@ -163,7 +164,7 @@ def test_ctrl_c_ends_the_wait_for_a_plan(mission: LoadedMission) -> None:
 
 def test_one_agent_lands_on_sigint(mission: LoadedMission) -> None:
     """Without its peer it waits on the ground; Ctrl-C ends it cleanly, and it says how."""
-    alone = agent(mission.source, 1, time.monotonic(), 1.0)
+    alone = agent(mission.source, 1, time.monotonic(), 10.0)
     with ended([alone]):
         assert alone.stderr is not None
         assert alone.stderr.readline() == b"agent: ready\n"

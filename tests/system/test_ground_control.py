@@ -19,21 +19,23 @@ import pytest
 import yaml
 
 from tests.protocol.qgroundcontrol import QGroundControl
-from tests.system.running import HEXAGON, LOW, Running
+from tests.system.pair import SPEEDUP
+from tests.system.running import HEXAGON, Running
 
-KINDS = {i: "px4" if i > 3 else "ardupilot" for i in range(1, 7)}
+SIX = {i: "px4" if i > 3 else "ardupilot" for i in range(1, 7)}
+TWO = {1: "ardupilot", 2: "px4"}
 
 
-@pytest.fixture
-def mission(tmp_path: Path) -> Path:
-    """Up, wait, down: three ArduCopters and three PX4s at the starts of `hexagon.yaml`."""
+def beside(folder: Path, kinds: dict[int, str]) -> Path:
+    """Up, wait, down: a mission of these at their starts of `hexagon.yaml`."""
     data = yaml.safe_load(HEXAGON.read_text())
     data["tick_s"], data["law"]["kappa"] = 0.1, 10  # half the rate: for half the work
-    data["fleet"] = {"agents": [{"id": i, "autopilot": kind} for i, kind in KINDS.items()]}
+    data["agents"] = data["agents"][: len(kinds)]
+    data["fleet"] = {"agents": [{"id": i, "autopilot": kind} for i, kind in kinds.items()]}
     data["shapes"] = {"start": {"kind": "offsets", "offsets": [a["start"] for a in data["agents"]]}}
     form, hold = {"shape": "start", "slots": "fixed"}, {"duration_s": 5}
     data["steps"] = [{"takeoff": {"height_m": 2}}, {"form": form}, {"hold": hold}, "land"]
-    path = tmp_path / "beside.yaml"
+    path = folder / "beside.yaml"
     path.write_text(json.dumps(data))  # JSON is YAML
     return path
 
@@ -44,19 +46,16 @@ def qgroundcontrol() -> Iterator[QGroundControl]:
         yield found
 
 
-def test_qgroundcontrol_connects_to_six_vehicles_on_one_port(tmp_path: Path, mission: Path) -> None:
-    """Each step of its start ends as it wants, in flight, without a resend of a command; a mode
-    that a pilot chooses in it acts on that vehicle alone."""
-    with (
-        qgroundcontrol() as qgc,
-        Running(
-            "run", mission, "--headless", "--no-report", "--gcs", str(qgc.port), cwd=tmp_path
-        ) as running,
-    ):
+def test_qgroundcontrol_connects_to_vehicles_of_both_kinds_on_one_port(tmp_path: Path) -> None:
+    """Each step of its start ends as it wants, in flight, without a resend of a command (six
+    vehicles on one port: `tests/protocol/test_ground_control.py`)."""
+    mission = beside(tmp_path, TWO)
+    run = ("run", mission, "--speedup", f"{SPEEDUP:g}", "--headless", "--no-report")
+    with qgroundcontrol() as qgc, Running(*run, "--gcs", str(qgc.port), cwd=tmp_path) as running:
         # without a position a vehicle declines HOME_POSITION: its agent takes off with one
-        running.wait_for_event("step 1: takeoff", 6)
-        assert qgc.find(6) == list(KINDS)
-        for system, kind in KINDS.items():
+        running.wait_for_event("step 1: takeoff", len(TWO))
+        assert qgc.find(len(TWO)) == list(TWO)
+        for system, kind in TWO.items():
             vehicle = qgc.connect(system)
             assert vehicle.is_ardupilot == (kind == "ardupilot")
             assert vehicle.version.flight_sw_version > 0
@@ -98,9 +97,7 @@ def gcs_port(output: str) -> int:
 
 
 @pytest.mark.long
-def test_a_gcs_that_floods_hangs_or_dies_takes_nothing_from_an_agent(
-    tmp_path: Path, mission: Path
-) -> None:
+def test_a_gcs_that_floods_hangs_or_dies_takes_nothing_from_an_agent(tmp_path: Path) -> None:
     """One sends 5,000 frames a second, commands and noise, to one vehicle; one never reads; a
     third is killed. What is over the limit is dropped, and the mission completes."""
     with contextlib.ExitStack() as stack:
@@ -109,7 +106,7 @@ def test_a_gcs_that_floods_hangs_or_dies_takes_nothing_from_an_agent(
         silent.bind(("127.0.0.1", 0))
         running = stack.enter_context(
             Running(
-                *("run", mission, "--headless", "--no-report"),
+                *("run", beside(tmp_path, SIX), "--headless", "--no-report"),
                 *("--gcs", str(silent.getsockname()[1])),
                 cwd=tmp_path,
             )
@@ -131,28 +128,11 @@ def test_a_gcs_that_floods_hangs_or_dies_takes_nothing_from_an_agent(
         running.assert_nothing_left()
 
 
-@pytest.mark.lockstep
-def test_the_end_of_the_relay_ends_nothing_else(tmp_path: Path) -> None:
-    run = ("run", LOW, "--lockstep", "--speedup", "5", "--headless", "--no-report")
-    with qgroundcontrol() as qgc, Running(*run, "--gcs", str(qgc.port), cwd=tmp_path) as running:
-        running.wait_for_event("step 2:", 3)
-        running.kill("gcs")
-        assert running.wait() == 0, running.output
-        assert "ground control software is not served any more" in running.output
-        running.assert_nothing_left()
-
-
 @pytest.mark.long
-def test_a_gcs_sees_the_vehicles_come_down_after_run_was_killed(
-    tmp_path: Path, mission: Path
-) -> None:
+def test_a_gcs_sees_the_vehicles_come_down_after_run_was_killed(tmp_path: Path) -> None:
     """The relay goes on until no vehicle is armed; then nothing is left."""
-    with (
-        qgroundcontrol() as qgc,
-        Running(
-            "run", mission, "--headless", "--no-report", "--gcs", str(qgc.port), cwd=tmp_path
-        ) as running,
-    ):
+    run = ("run", beside(tmp_path, SIX), "--headless", "--no-report")
+    with qgroundcontrol() as qgc, Running(*run, "--gcs", str(qgc.port), cwd=tmp_path) as running:
         running.wait_for_event("step 2:", 6)
         assert qgc.find(6, 60.0) == list(range(1, 7))
         os.kill(running.process.pid, signal.SIGKILL)

@@ -3,11 +3,13 @@ end, and the summary names what failed."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 from pathlib import Path
 
 import pytest
 
+from tests.protocol.qgroundcontrol import QGroundControl
 from tests.system.running import LOW, Running
 from tests.system.terminal import Terminal, needs_tmux
 
@@ -84,9 +86,15 @@ def plug(folder: Path, parts: dict[str, list[tuple[str, float, int]]]) -> dict[s
 
 def test_a_flight_in_which_all_that_shows_fails_at_random(tmp_path: Path) -> None:
     """Completed, with exit code 0, all agents at their pace; each trouble is told once, in flight
-    and in the summary's warnings; a report that fails changes nothing."""
-    env = plug(tmp_path / "plug", SHOWS)
-    with Running("run", LOW, "--speedup", "max", "--headless", cwd=tmp_path, env=env) as running:
+    and in the summary's warnings; a report that fails changes nothing. Nor does the end of the
+    relay to a ground control software, which is told, too."""
+    env, run = plug(tmp_path / "plug", SHOWS), ("run", LOW, "--lockstep", "--speedup", "5")
+    with (
+        contextlib.closing(QGroundControl()) as qgc,
+        Running(*run, "--headless", "--gcs", str(qgc.port), cwd=tmp_path, env=env) as running,
+    ):
+        running.wait_for_event("step 2:", 3)
+        running.kill("gcs")
         assert running.wait() == 0, running.output
         running.assert_nothing_left()
         summary, output = running.summary(), running.output
@@ -99,6 +107,7 @@ def test_a_flight_in_which_all_that_shows_fails_at_random(tmp_path: Path) -> Non
         assert 1 <= warnings.count(part) <= 2
     said = output.replace("\n", " ")
     assert "the picture of the swarm failed" in said
+    assert "ground control software is not served any more" in said
     assert "the page can't be made: " in said
     assert "Traceback" not in output
 
@@ -107,10 +116,10 @@ def test_a_flight_in_which_all_that_shows_fails_at_random(tmp_path: Path) -> Non
 def test_a_dashboard_that_fails_gives_way_to_log_lines_in_flight(tmp_path: Path) -> None:
     """An error where no rim of ours is, in a widget's own drawing: the flight is flown to its end,
     and the terminal has the log of it."""
-    parts = {"swarm_ctl.station.dashboard.drawing.widgets": [("Painted.render_line", 1.0, 200)]}
+    parts = {"swarm_ctl.station.dashboard.drawing.widgets": [("Painted.render_line", 1.0, 100)]}
     env = plug(tmp_path / "plug", parts)
     words = [f"{name}={value}" for name, value in env.items()]
-    command = ("run", LOW, "--lockstep", "--speedup", "3", "--no-report")
+    command = ("run", LOW, "--lockstep", "--speedup", "8", "--no-report")
     swarm_ctl = Terminal.__init__.__kwdefaults__["program"]
     with Terminal(*command, cwd=tmp_path, program=("env", *words, *swarm_ctl)) as terminal:
         terminal.wait_for("the dashboard ended by an error", 200.0)
