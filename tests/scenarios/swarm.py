@@ -28,6 +28,7 @@ __all__ = [
     "low_hexagon",
     "low_hexagon_text",
     "ready",
+    "to_the_last_step",
 ]
 
 READY = Path(__file__).parents[2] / "missions"
@@ -90,6 +91,13 @@ def landing_fast(swarm: VirtualSwarm) -> VirtualSwarm:
         else:
             known.set("MPC_LAND_SPEED", 2.0)
     return swarm
+
+
+def to_the_last_step(swarm: VirtualSwarm, until_s: float = 300.0) -> None:
+    """Until all begin their last step: each other one is done, and none has ended early. A sixth of
+    a short flight is landing, which other rows hold."""
+    swarm.wait(lambda s: s.outcomes() or s.in_step(s.plan.last_step), until_s)
+    assert swarm.outcomes() == {}, {i: m.ended for i, m in swarm.members.items() if m.ended}
 
 
 def at_step(

@@ -56,7 +56,7 @@ def test_a_row_moves_on_without_a_killed_agent() -> None:
     """A third of all far words is lost, and the agent in the middle dies on the way: all others,
     near and far from it, go on without it to the end of the move. The ends of the row hear each
     other now and then alone."""
-    move = "move: {to: [25, 80], speed_mps: 3}"
+    move = "move: {to: [14, 80], speed_mps: 3}"
     row = mission(17, 17, move, policies="{agent_lost: continue}")
     swarm = VirtualSwarm(row, mesh=losing(0.33))
     swarm.wait(lambda s: s.in_step(3))

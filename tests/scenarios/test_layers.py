@@ -72,7 +72,7 @@ def flown(
     """The swarm at its end, or `until` then."""
     found, plan = Judged(), swarm.plan
     r_in_m = plan.law.r_in * plan.unit_m
-    while swarm.now < 300 and not all(member.ended for member in swarm.members.values()):
+    while swarm.now < 300 and any(m.alive and not m.ended for m in swarm.members.values()):
         swarm.tick()
         up = [at for at in swarm.hub.world.positions() if at[2] < -1.0]
         for one, other in itertools.combinations(up, 2):

@@ -83,10 +83,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def batch_of(name: str, **given: float) -> Batch:
-    """Twenty missions of six with late and lost states."""
-    late = {"delay_s": ("0:0.1",), "loss": ("0:0.1",), "h": ("0.2",), "missions": 20}
+    """Two missions of six with late and lost states, for two seconds."""
+    late = {"delay_s": ("0:0.1",), "loss": ("0:0.1",), "h": ("0.2",), "limit_s": 2.0}
     law = {"own": name, "parameters": given}
-    return draw(Study.model_validate({**late, "law": law}).cells()[0], 0, 20)
+    return draw(Study.model_validate({**late, "law": law, "missions": 2}).cells()[0], 0, 2)
 
 
 def studied(name: str, **given: float) -> BatchResult:

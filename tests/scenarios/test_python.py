@@ -202,8 +202,8 @@ def test_an_async_end_waits_for_its_time_once() -> None:
 
 def test_a_virtual_shape_is_dealt_by_where_agents_would_come_to_rest() -> None:
     """As a ground station deals it, not by where vehicles truly are."""
-    with swarm_ctl.fly("hexagon", vehicles="virtual") as swarm:
-        swarm.step("form hexagon")
+    with swarm_ctl.fly(BARE, vehicles="virtual") as swarm:
+        swarm.step("form pair")
         swarm.wait(1.0)
         flight = swarm.flight
         assert isinstance(flight, VirtualFlight)
