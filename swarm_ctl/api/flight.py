@@ -300,16 +300,19 @@ class SwarmFlight(ABC):
 
     def members(self, group: str) -> tuple[int, ...]:
         """The agents of a group, `@scouts`; () of all. InputError lists the groups."""
-        _, names = addressed([group] if group else [], self.plan)
-        found = {i for each in self.plan.groups if each.name in names for i in each.ids}
-        return tuple(sorted(found))
+        agents, names = addressed([group] if group else [], self.plan)
+        flown = {i for each in self.plan.groups if each.name in names for i in each.ids}
+        named = {i for each in self.plan.named if each.name in names for i in each.ids}
+        return tuple(sorted(flown | named | {*agents}))
 
     def step_number(self, step: int | str, group: str = "") -> int:
         """The number of the first step of this name, in all or in a group; ValueError lists the
         names."""
         __tracebackhide__ = True
         _, whose = addressed([group] if group else [], self.plan)
-        groups = [each for each in self.plan.groups if each.name in whose or not whose]
+        members = {*self.members(group)}
+        own = [each for each in self.plan.groups if each.name in whose]
+        groups = [*own, *(each for each in self.plan.groups if each.members >= members)]
         told = [(each.step_name(k), k) for each in groups for k in each.told_steps]
         names, last = dict(reversed(told)), self.plan.last_step
         if step not in (*names, *range(last + 1)):
@@ -322,7 +325,9 @@ def turn_before(flight: SwarmFlight, end_s: float, why: str) -> None:
     """Let a moment go by; FlightError with `why` where it is past `end_s`, or the flight is
     over."""
     __tracebackhide__ = True
-    if flight.now > end_s or flight.over:
+    if flight.over:
+        raise FlightError(f"{why}: the flight is over; {flight.where}")
+    if flight.now > end_s:
         raise FlightError(f"{why}; {flight.where}")
     flight.turn()
 

@@ -23,6 +23,7 @@ from swarm_ctl.commands.send import SentCommand
 from swarm_ctl.core.model.messages import CommandKind, Event
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.text import agents_named
+from swarm_ctl.errors import InputError
 from swarm_ctl.station.picture.alarms import Alarm, alarms
 from swarm_ctl.station.picture.view import SwarmView
 
@@ -50,7 +51,7 @@ class OrderError(FlightError):
         whys = list(refusals(sent))
         if sent.silent:
             whys.append(f"{agents_named(sent.silent)}: no answer")
-        super().__init__(f"{sent.command.kind}: {sent.failed or '; '.join(whys)}")
+        super().__init__(f"{sent.asked or sent.command.kind}: {sent.failed or '; '.join(whys)}")
 
 
 def _accepted(sent: SentCommand) -> SentCommand:
@@ -198,6 +199,8 @@ class Swarm:
         """Add or lift a zone that no vehicle enters, for all agents at one time: `zone("add",
         "pond", circle=(north, east, radius))`, or `polygon` of corners (north, east), and `floor`,
         `ceiling`, `clearance` as wanted, in metres; `zone("lift", "pond")`."""
+        if circle is not None and polygon:
+            raise InputError(f"zone {name}: a circle and a polygon; allowed: one of them")
         shape = [] if verb == "lift" else ["polygon" if circle is None else "circle"]
         numbers = [x for corner in polygon for x in corner] if circle is None else list(circle)
         words = [*shape, *(f"{number!r}" for number in numbers)]

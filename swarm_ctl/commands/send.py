@@ -32,6 +32,8 @@ class SentCommand:
     """Why a `tune` changes nothing although some agents accepted it."""
     over: bool = False
     """It is not sent any more."""
+    asked: str = ""
+    """The kind of the first one, as it was ordered: `tune`, not `apply`."""
 
     def __repr__(self) -> str:
         """`<hold: accepted by agents 1-3; refused by agent 4: why>`."""
@@ -39,7 +41,7 @@ class SentCommand:
         told = [f"accepted by {agents_named(taken)}"] if taken else []
         told += [f"refused by {agents_named(ids)}: {why}" for why, ids in self.refusals.items()]
         told += [f"no answer from {agents_named(self.silent)}"] if self.silent else []
-        return f"<{self.command.kind}: {self.failed or '; '.join(told)}>"
+        return f"<{self.asked or self.command.kind}: {self.failed or '; '.join(told)}>"
 
     @property
     def silent(self) -> tuple[int, ...]:
@@ -94,7 +96,8 @@ class CommandSender:
         """Send a command now, and again at each `turn` that it is due. `meant` must answer; if not
         given, the agents that it names, or all."""
         command = self._numbered(command)
-        sent = SentCommand(command, tuple(meant) or command.agents or self._agents)
+        to = tuple(meant) or command.agents or self._agents
+        sent = SentCommand(command, to, asked=command.kind)
         first_phase = GainUpdateRound(command) if command.kind in ASKS else None
         self._open.append(_Open(sent, now, now, first_phase))
         self._repeat(self._open[-1], now)

@@ -8,6 +8,7 @@ import re
 
 import pytest
 
+from swarm_ctl.api.flight import FlightError
 from swarm_ctl.api.swarm import AsyncSwarm, Swarm
 from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.errors import InputError
@@ -48,6 +49,26 @@ def _centre(swarm: Swarm, ids: tuple[int, ...]) -> tuple[float, float]:
     states = [swarm.view().agent(i).state for i in ids]
     places = [state.stop_point_m for state in states if state is not None]
     return sum(n for n, _ in places) / len(ids), sum(e for _, e in places) / len(ids)
+
+
+def test_a_group_that_flies_no_steps_of_its_own_is_waited_for_by_its_name(swarm: Fly) -> None:
+    """Its steps are the swarm's, and only its members are waited for: so it is with agents by their
+    ids, and with a split's group in the steps that all fly. Once the flight is over, that is said,
+    and not that a time went by; a change is told by the word that ordered it."""
+    text = MISSION.replace("scouts: [1, 2, 3]", "scouts: [1, 2, 3]\n  pair: [4, 5]")
+    flight = swarm(text, virtual=True)
+    assert (flight.members("@pair"), flight.members("@4"), flight.members("")) == ((4, 5), (4,), ())
+    assert flight.step_number("form row", "@pair") == 2
+    assert flight.step_number("land", "@scouts") > flight.step_number("move", "@scouts")
+    program = Swarm(flight)
+    program.step("form row", group="@pair")
+    assert repr(program.tune(h=0.04)) == "<tune: accepted by agents 1-5>"
+    with pytest.raises(InputError, match="a circle and a polygon; allowed: one of them"):
+        program.zone("add", "oak", circle=(90, 0, 1), polygon=[(1, 1), (1, 2), (2, 2)])
+    program.land()
+    program.finish()
+    with pytest.raises(FlightError, match="was not reached within 300 s: the flight is over;"):
+        program.step("land")
 
 
 def test_a_group_is_ordered_by_its_name_and_the_others_fly_on(swarm: Fly) -> None:

@@ -188,7 +188,8 @@ def run(
     )
     if lifeline is not None and not _is_pipe(lifeline):
         raise InputError(f"--lifeline {lifeline}: is no pipe; allowed: the reading end of one")
-    if junit is not None and (junit.is_dir() or not os.access(junit.parent, os.W_OK)):
+    free = junit is None or (junit.parent.is_dir() and os.access(junit.parent, os.W_OK))
+    if junit is not None and (junit.is_dir() or not free):
         raise InputError(f"--junit {junit}: can't be written; allowed: a file in a folder that may")
     started = {agent.started_as for agent in loaded.fleet.agents}
     for name, kind, given in (

@@ -274,6 +274,7 @@ def test_a_signal_ends_a_command_in_one_line(number: int, wait_s: float, tmp_pat
     ("words", "said"),
     [
         (["--junit", "."], "--junit .: can't be written"),
+        (["--junit", f"{MISSION}/x.xml"], f"--junit {MISSION}/x.xml: can't be written"),
         (["--lockstep-with", "x"], "--lockstep-with: this run is in real time"),
         (["--lockstep-patience", "5", "--speedup", "3"], "--lockstep-patience: this run is in"),
         (["--px4", "x"], "--px4: no px4 flies here; allowed: beside --vehicles px4"),
