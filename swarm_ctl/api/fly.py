@@ -15,7 +15,7 @@ from swarm_ctl.api.virtual_flight import VirtualFlight
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.mission.ready import named
-from swarm_ctl.virtual.scenario import Scenario
+from swarm_ctl.virtual.scenario import MOST_SEED, Scenario
 
 __all__ = ["AsyncSwarm", "FlightError", "FlightResult", "Flying", "OrderError", "Swarm", "fly"]
 VIRTUAL: Final = "virtual"
@@ -38,6 +38,8 @@ class Flying:
         self._speedup, self._vehicles = speedup, vehicles
         self._seed, self._runs = seed, runs
         self._flight: SwarmFlight | None = None
+        self._told: tempfile.TemporaryDirectory[str] | None = None
+        """What the flight's process is told, and its log, while it flies."""
         self._async: AsyncSwarm | None = None
 
     def __enter__(self) -> Swarm:
@@ -53,6 +55,7 @@ class Flying:
                 flight.land()
             finally:
                 flight.close()
+                self._forget()
 
     async def __aenter__(self) -> AsyncSwarm:
         swarm = await asyncio.to_thread(self.__enter__)
@@ -71,17 +74,27 @@ class Flying:
             return VirtualFlight(self._mission, self._seed, self._scenario)
         self._runs.mkdir(parents=True, exist_ok=True)
         # beside the run folders, which have what is looked for: this one has the mission's file
-        where = Path(tempfile.mkdtemp(prefix=f".{self._mission.plan.name}-", dir=self._runs))
-        return ProcessFlight(
-            self._mission,
-            where,
-            self._speedup,
-            self._seed,
-            vehicles=self._vehicles,
-            apart=True,
-            runs=self._runs,
-            scenario=self._scenario,
-        )
+        name = f".{self._mission.plan.name}-"
+        self._told = tempfile.TemporaryDirectory(prefix=name, dir=self._runs)
+        try:
+            return ProcessFlight(
+                self._mission,
+                Path(self._told.name),
+                self._speedup,
+                self._seed,
+                vehicles=self._vehicles,
+                apart=True,
+                runs=self._runs,
+                scenario=self._scenario,
+            )
+        except BaseException:
+            self._forget()
+            raise
+
+    def _forget(self) -> None:
+        if self._told is not None:
+            self._told.cleanup()
+            self._told = None
 
 
 def fly(
@@ -108,17 +121,26 @@ def fly(
 
     Raises:
         MissionError: the mission has mistakes.
+        InputError: what is given is out of its bounds.
         FlightError: at the beginning of the block, where the run does not start.
     """
     if isinstance(mission, str) and "\n" not in mission:
         mission = Path(mission)
     if isinstance(mission, Path):
         mission = named(mission)
+    factor = None if speedup == "max" else _factor(speedup)
+    if seed is not None and not (isinstance(seed, int) and 0 <= seed <= MOST_SEED):
+        raise InputError(f"seed={seed!r}; allowed: a whole number from 0 to {MOST_SEED}")
     checked, scenario = loaded(mission, Path(), seed)
-    factor = None if speedup == "max" else float(speedup)
     if scenario is not None and vehicles is None and factor is not None:
         raise InputError(
             f"speedup={speedup}: a scenario flies in lockstep; allowed: speedup='max', or"
             " vehicles='virtual'"
         )
     return Flying(checked, scenario, factor, vehicles, 1 if seed is None else seed, Path(runs))
+
+
+def _factor(speedup: object) -> float:
+    if isinstance(speedup, int | float) and 0.1 <= speedup <= 100.0:
+        return float(speedup)
+    raise InputError(f"speedup={speedup!r}; allowed: 0.1 to 100, or 'max'")

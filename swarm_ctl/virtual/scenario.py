@@ -23,6 +23,7 @@ from swarm_ctl.mission.input.document import Document
 from swarm_ctl.mission.sections.section import AgentId, Section
 from swarm_ctl.mission.sections.simulation_section import FaultEntry, Pilot, SimParameters
 
+MOST_SEED: Final = 2**31
 STATION: Final = "station"
 _STAGES: Final = 255
 
@@ -174,7 +175,7 @@ class Scenario(Section):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,79}$")] = "scenario"
     mission: str | dict[str, Any]
     """A mission file beside this one, or the mission itself."""
-    seed: Annotated[int, Field(ge=0, le=2**31)] = 1
+    seed: Annotated[int, Field(ge=0, le=MOST_SEED)] = 1
     """Of all random numbers."""
     mesh: MeshQuality = MeshQuality()
     clocks: Annotated[tuple[OwnClocks, ...], Field(max_length=250)] = ()

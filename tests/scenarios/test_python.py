@@ -13,6 +13,7 @@ import runpy
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -148,6 +149,16 @@ def test_one_lands_and_the_others_return() -> None:
         assert swarm.finish().all_down
 
 
+@pytest.mark.parametrize(
+    "given", [{"speedup": 0}, {"speedup": "fast"}, {"seed": -1}, {"seed": 0.5}]
+)
+def test_what_is_out_of_bounds_is_refused_before_anything_starts(given: dict[str, Any]) -> None:
+    """By its name, with what is allowed."""
+    ((name, value),) = given.items()
+    with pytest.raises(InputError, match=re.escape(f"{name}={value!r}; allowed: ")):
+        swarm_ctl.fly(BARE, **given)
+
+
 def test_the_end_of_the_block_lands() -> None:
     with contextlib.suppress(ZeroDivisionError), swarm_ctl.fly(BARE, vehicles="virtual") as swarm:
         swarm.step("form pair")
@@ -161,7 +172,7 @@ def test_a_program_that_fails_in_flight_leaves_no_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Real processes: orders find the run folder while they fly, one level deep in `runs` as that
-    of `run`. Then the run lands, writes its summary, and ends."""
+    of `run`. Then the run lands, writes its summary, and ends. Nothing else is left in `runs`."""
     monkeypatch.chdir(tmp_path)
     with contextlib.suppress(ZeroDivisionError), swarm_ctl.fly(BARE, speedup="max") as swarm:
         swarm.step("form pair")
@@ -171,6 +182,7 @@ def test_a_program_that_fails_in_flight_leaves_no_process(
     with pytest.raises(StartError, match="nothing flies"):
         flying_run()
     assert [folder.name for folder in runs_in(Path("runs"))] == [swarm.flight.folder.name]  # type: ignore[attr-defined]
+    assert len([*Path("runs").iterdir()]) == 1
     (file,) = tmp_path.rglob("summary.json")
     summary = json.loads(file.read_text())
     assert (summary["outcome"], summary["reason"]) == (
