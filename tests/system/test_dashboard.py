@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.running import LOW, SWARM_CTL, Running
+from tests.system.running import HELD, LOW, SWARM_CTL, Running
 from tests.system.terminal import Terminal, needs_tmux
 from tests.system.test_run import assert_truth_ends_on_the_ground
 
@@ -20,13 +20,12 @@ RUN = ("run", LOW, "--speedup", "4")
 @needs_tmux
 def test_screens_orders_and_the_end(tmp_path: Path) -> None:
     """From the first picture over all screens to a landing by one key, and the same again from the
-    recording; the terminal is left as it was.
-    """
-    mission = tmp_path / "low.yaml"  # long enough for all these keys
-    mission.write_text(LOW.read_text().replace("duration_s: 5", "duration_s: 3000"))
-    with Terminal("run", mission, "--speedup", "2", cwd=tmp_path) as terminal:
+    recording; the terminal is left as it was. Stations that come in mid-flight have the whole
+    picture in two seconds, and the log from its begin."""
+    with Terminal("run", HELD, cwd=tmp_path) as terminal:
         terminal.wait_for("3/3 agents")
         terminal.wait_for("takeoff")
+        assert_whole_picture(tmp_path)
         terminal.press("2")
         terminal.wait_for("rx\\tx")
         terminal.press("3")
@@ -66,6 +65,31 @@ def test_screens_orders_and_the_end(tmp_path: Path) -> None:
         terminal.press("q")
         code, _ = terminal.wait_for_end()
         assert code == 0
+
+
+def assert_whole_picture(where: Path) -> None:
+    """Of a station that comes now, and on the screen of another one."""
+    (folder,) = (where / "runs").iterdir()
+    command = [str(SWARM_CTL), "station", "--json"]
+    with subprocess.Popen(command, cwd=where, stdout=subprocess.PIPE, text=True) as late:
+        assert late.stdout is not None
+        try:
+            for line in late.stdout:
+                told = json.loads(line)
+                if all(agent["position_ned_m"] and agent["mode"] for agent in told["agents"]):
+                    break
+        finally:
+            late.kill()
+    first = json.loads((folder / "events.jsonl").read_text().splitlines()[0])
+    (aside := where / "aside").mkdir()  # a terminal that closes ends the runs of its folder
+    with Terminal("station", folder, cwd=aside, size=(120, 60)) as one:
+        one.wait_for("3/3 agents")
+        one.press("4")
+        one.wait_for("the log begins with the run's events and commands")
+        one.wait_for(f"{first['time_s']:.1f}")  # in this picture, or in the next one
+    assert told["step_name"] in ("takeoff", "form hexagon", "hold")
+    assert all(agent["heartbeat_age_s"] < 2.0 for agent in told["agents"])
+    assert told["time_s"] - told["since_s"] < 2.0
 
 
 @needs_tmux
@@ -143,39 +167,12 @@ def test_two_more_stations_watch_command_and_leave(tmp_path: Path) -> None:
 
 
 @needs_tmux
-def test_a_station_in_mid_flight_has_the_whole_picture_in_two_seconds(tmp_path: Path) -> None:
-    mission = tmp_path / "low.yaml"
-    mission.write_text(LOW.read_text().replace("height_m: 4", "height_m: 10"))
-    with Running("run", mission, "--headless", cwd=tmp_path) as running:
-        running.wait_for_event("step 1: takeoff", count=3)
-        command = [str(SWARM_CTL), "station", "--json"]
-        with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as late:
-            assert late.stdout is not None
-            try:
-                for line in late.stdout:
-                    told = json.loads(line)
-                    if all(agent["position_ned_m"] and agent["mode"] for agent in told["agents"]):
-                        break
-            finally:
-                late.kill()
-        events = (running.folder / "events.jsonl").read_text().splitlines()
-        first = json.loads(events[0])
-        with Terminal("station", cwd=tmp_path, size=(120, 60)) as one:
-            one.wait_for("3/3 agents")
-            one.press("4")
-            one.wait_for("the log begins with the run's events and commands")
-            one.wait_for(f"{first['time_s']:.1f}")  # in this picture, or in the next one
-        assert told["step_name"] in ("takeoff", "form hexagon")
-        assert all(agent["heartbeat_age_s"] < 2.0 for agent in told["agents"])
-        assert told["time_s"] - told["since_s"] < 2.0
-
-
-@needs_tmux
 @pytest.mark.parametrize("how", ["kill-session", "SIGHUP"])
 def test_a_closed_terminal_lands_the_swarm(tmp_path: Path, how: str) -> None:
     """All processes live until the vehicles are down; the verdict says it, and there is a
     report."""
-    with Terminal(*RUN[:2], "--speedup", "2", cwd=tmp_path) as terminal:
+    report = () if how == "kill-session" else ("--no-report",)
+    with Terminal(*RUN[:2], "--speedup", "2", *report, cwd=tmp_path) as terminal:
         terminal.wait_for("takeoff")
         (folder,) = (tmp_path / "runs").iterdir()
         if how == "kill-session":
@@ -183,7 +180,7 @@ def test_a_closed_terminal_lands_the_swarm(tmp_path: Path, how: str) -> None:
         else:
             terminal.kill("run", signal.SIGHUP)
         until = time.monotonic() + 90
-        while not (folder / "report.html").exists():
+        while not (folder / ("summary.json" if report else "report.html")).exists():
             assert time.monotonic() < until, sorted(folder.iterdir())
             time.sleep(0.1)
     summary = json.loads((folder / "summary.json").read_text())

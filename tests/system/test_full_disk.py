@@ -23,7 +23,7 @@ def test_the_disk_is_full_in_flight(tmp_path: Path) -> None:
     """From the form step on no process can write: all agents complete at their pace, and the log
     names every file."""
     with Running(
-        "run", LOW, "--lockstep", "--speedup", "5", "--headless", "--no-report", cwd=tmp_path
+        "run", LOW, "--lockstep", "--speedup", "8", "--headless", "--no-report", cwd=tmp_path
     ) as running:
         running.wait_for_event("step 2:", 3)
         for pid in running.pids.values():

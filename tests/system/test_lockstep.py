@@ -95,7 +95,8 @@ def test_the_same_flight_beside_a_busy_loop(tmp_path: Path) -> None:
     that of one process on a virtual clock, byte for byte; another seed's is not. Of two runs, with
     their events: `tests/scenarios/test_plugin.py`; of drawn flights: `fuzz --lockstep`."""
     mission = tmp_path / "faults.yaml"
-    mission.write_text(LOW.read_text() + FAULTS)
+    lower = LOW.read_text().replace("height_m: 4", "height_m: 2").replace("_s: 5}", "_s: 1}")
+    mission.write_text(lower + FAULTS)
     with (
         busy(1),
         Running("run", mission, *MAX, "--seed", "7", "--junit", "j.xml", cwd=tmp_path) as running,

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import re
-import signal
 import subprocess
 import time
 from pathlib import Path
@@ -12,61 +10,42 @@ from pathlib import Path
 import pytest
 
 from tests.system.conftest import Typed
-from tests.system.running import LOW, SWARM_CTL, Running
+from tests.system.running import HELD, SWARM_CTL, Running
 
 pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(300)]
 
+BESIDE_A_DEAD_ONE = {
+    ("hold",): (1, "agents 1-2: accepted\nagent 3: no answer"),
+    ("kill", "--agents", "2", "--yes"): (
+        0,
+        "agent 2: motors off; agents 1, 3 go on without it (policies.left_by_order)",
+    ),
+    ("kill", "--yes"): (1, "agent 1: accepted\nagent 3: no answer"),
+}
+"""Orders and answers, once agent 3 is dead."""
 QUICK = ("--lockstep", "--speedup", "3", "--headless", "--no-report")
-
-
-def waiting(text: str) -> str:
-    """The mission with two steps that end by a command alone."""
-    hold = "  - hold: {duration_s: 3000}\n"
-    return text.replace("  - hold: {duration_s: 5}\n", hold + hold)
 
 
 def answers(said: str) -> str:
     """What agents answered, without the question and the line that names order, mission and run."""
     head, _, told = said.rpartition("[y/N]: ")[2].strip().partition("\n")
-    assert not head or re.search(r", low \(runs/\d+-\d+-low\):$", head)
+    assert not head or re.search(r", held \(runs/\d+-\d+-held\):$", head)
     return told
-
-
-def test_a_dead_agent_holds_no_command_up(tmp_path: Path, typed: Typed) -> None:
-    """Not even those for others; the answer names it. Before, each waited ten seconds more."""
-
-    def send(*words: str) -> tuple[int, str, float]:
-        begun = time.monotonic()
-        code, said, _ = typed("send", *words)
-        return code, answers(said), time.monotonic() - begun
-
-    mission = tmp_path / "low.yaml"
-    mission.write_text(waiting(LOW.read_text()) + "policies: {agent_lost: continue}\n")
-    with Running("run", mission, *QUICK, cwd=tmp_path) as running:
-        running.wait_for_event("step 3:", 3)
-        alone_s = send("hold", "--agents", "2")[2]
-        os.kill(running.pids["agent-3"], signal.SIGKILL)
-        code, text, took_s = send("hold")
-        assert (code, text) == (1, "agents 1-2: accepted\nagent 3: no answer")
-        assert took_s < alone_s + 6.0
-        code, text, took_s = send("kill", "--agents", "2", "--yes")
-        assert (code, text) == (
-            0,
-            "agent 2: motors off; agents 1, 3 go on without it (policies.left_by_order)",
-        )
-        assert took_s < alone_s + 6.0
 
 
 def test_an_operator_commands_from_the_shell(tmp_path: Path, typed: Typed) -> None:
     """Exit code 0 for accepted, 1 for refused, 2 for an input error; a refused command has no
-    effect. The mission waits in its steps, however long this machine takes."""
+    effect. The mission waits in its steps, however long this machine takes. A dead agent holds no
+    command up, not even those for others; the answer names it (before, each waited ten seconds
+    more)."""
 
     def send(*words: str) -> tuple[int, str]:
         code, said, errors = typed("send", *words)
         return code, answers(said) or errors.strip()
 
-    mission = tmp_path / "low.yaml"
-    mission.write_text(waiting(LOW.read_text()))
+    mission, hold = tmp_path / "held.yaml", "  - hold: {duration_s: 600}\n"
+    text = HELD.read_text().replace(hold, hold + hold)
+    mission.write_text(text + "policies: {agent_lost: continue}\n")
     with Running("run", mission, *QUICK, cwd=tmp_path) as running:
         running.wait_for_event("step 3:", 3)
         assert send("resume") == (1, "agents 1-3: refused: not held; there is nothing to resume")
@@ -88,6 +67,7 @@ def test_an_operator_commands_from_the_shell(tmp_path: Path, typed: Typed) -> No
         assert send("form", "row") == (0, "agents 1-3: accepted")
         assert send("next") == (0, "agents 1-3: accepted")
         running.wait_for_event("step 4:", 3)
+        begun_s = time.monotonic()
         assert send("hold", "--agents", "2-3") == (
             0,
             (
@@ -95,8 +75,13 @@ def test_an_operator_commands_from_the_shell(tmp_path: Path, typed: Typed) -> No
                 " without them (policies.override_pause_s, left_by_order)"
             ),
         )
+        alone_s = time.monotonic() - begun_s
         assert send("kill")[0] == 1  # "n" to the question
-        assert send("kill", "--yes") == (0, "agents 1-3: accepted")
+        running.kill("agent-3")
+        for words, answer in BESIDE_A_DEAD_ONE.items():
+            begun_s = time.monotonic()
+            assert send(*words) == answer
+            assert time.monotonic() - begun_s < alone_s + 6.0
         assert running.wait() == 1, running.output
         running.assert_nothing_left()
         summary = running.summary()

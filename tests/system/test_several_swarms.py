@@ -11,7 +11,7 @@ import pytest
 from swarm_ctl.engine.station.run_client import RunClient
 from swarm_ctl.errors import InputError
 from tests.system.conftest import Typed
-from tests.system.running import LOW, Running
+from tests.system.running import HELD, Running
 
 pytestmark = [pytest.mark.lockstep, pytest.mark.timeout(300)]
 QUICK = ("--lockstep", "--speedup", "3", "--headless", "--no-report")
@@ -25,7 +25,7 @@ def test_an_order_reaches_the_agents_that_it_means_alone(tmp_path: Path, typed: 
         code, said, errors = typed(*words)
         return code, (said + errors).strip()
 
-    text = LOW.read_text().replace("{duration_s: 5}", "{duration_s: 3000}")
+    text = HELD.read_text().replace("name: held", "name: low")
     (tmp_path / "low.yaml").write_text(text)
     duo = "\n".join(line for line in text.splitlines() if "id: " not in line or line < "  - {id: 3")
     (tmp_path / "duo.yaml").write_text(duo.replace("name: low", "name: duo"))
