@@ -21,6 +21,7 @@ from swarm_sim.firmware import autopilot
 
 __all__ = [
     "VirtualSwarm",
+    "assert_arrives",
     "at_half_rate",
     "at_step",
     "flown_once",
@@ -28,7 +29,6 @@ __all__ = [
     "low_hexagon",
     "low_hexagon_text",
     "ready",
-    "to_the_last_step",
 ]
 
 READY = Path(__file__).parents[2] / "missions"
@@ -93,11 +93,12 @@ def landing_fast(swarm: VirtualSwarm) -> VirtualSwarm:
     return swarm
 
 
-def to_the_last_step(swarm: VirtualSwarm, until_s: float = 300.0) -> None:
-    """Until all begin their last step: each other one is done, and none has ended early. A sixth of
-    a short flight is landing, which other rows hold."""
+def assert_arrives(swarm: VirtualSwarm, until_s: float = 300.0) -> None:
+    """All begin their last step: each other one is done, none has ended early, and no two came
+    under r_in. A third of a short flight is landing, which other rows hold."""
     swarm.wait(lambda s: s.outcomes() or s.in_step(s.plan.last_step), until_s)
     assert swarm.outcomes() == {}, {i: m.ended for i, m in swarm.members.items() if m.ended}
+    assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
 
 
 def at_step(

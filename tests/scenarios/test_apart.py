@@ -14,7 +14,7 @@ from swarm_ctl.core.model.messages import Outcome, Phase
 from swarm_ctl.core.model.steps.goto import GotoStep
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from tests.on_demand import on_demand
-from tests.scenarios.swarm import VirtualSwarm, at_step, flown_once, landing_fast
+from tests.scenarios.swarm import VirtualSwarm, assert_arrives, at_step, flown_once, landing_fast
 
 TEXT = """\
 version: 1
@@ -35,13 +35,13 @@ shapes:
 steps:
   - takeoff: {height_m: 4}
   - form: {shape: block, settle_s: 1}
-  - hold: {duration_s: 25}
+  - hold: {duration_s: 16}
   - form: {shape: row, settle_s: 1}
-  - hold: {duration_s: 20}
+  - hold: {duration_s: 12}
   - return
 """
 HOLD, ROW, LAST = 3, 4, 6
-PLACE = (-25.0, -20.0)
+PLACE = (-16.0, -12.0)
 
 
 @cache
@@ -84,18 +84,16 @@ def test_one_is_sent_away_and_the_others_go_on_without_it() -> None:
     assert row_error_m(swarm, 2, 3, 4) < 0.5
     assert math.dist(swarm.positions()[1], PLACE) < 1.0
     swarm.command("resume", (1,), name="c2")
-    swarm.run(14.0)
+    swarm.run(10.0)
     assert step(swarm, 1) == step(swarm, 2)
     assert row_error_m(swarm, 1, 2, 3, 4) < 1.0
-    swarm.fly()
-    assert set(swarm.outcomes().values()) == {Outcome.COMPLETED}
-    assert swarm.closest_m > 2.5
+    assert_arrives(swarm)
 
 
 def test_two_that_are_sent_away_keep_apart_and_come_home_with_the_others() -> None:
     """Nobody calls them back: as the others return, they do."""
     swarm = sent(2, 4)
-    swarm.run(20.0)
+    swarm.run(18.0)
     at = swarm.positions()
     assert math.dist(at[2], PLACE) < 1.0
     assert math.dist(at[4], (PLACE[0], PLACE[1] - 10.0)) < 1.0
@@ -126,7 +124,7 @@ def test_it_is_refused_where_it_can_not_be_done() -> None:
     swarm.run(6.0)
     assert swarm.phases() == {Phase.FLY}
     assert swarm.in_step(HOLD)
-    assert math.dist(swarm.positions()[1], PLACE) > 20.0
+    assert math.dist(swarm.positions()[1], PLACE) > 18.0
 
 
 def test_the_last_that_flies_with_the_others_is_waited_for_by_none() -> None:
@@ -166,9 +164,7 @@ def test_one_that_waits_is_launched_and_joins_the_others() -> None:
     swarm.wait(lambda s: step(s, 1) == ROW + 1)
     assert swarm.now - up_s < 40.0
     assert row_error_m(swarm, 1, 2, 3, 4) < 0.5
-    swarm.fly()
-    assert set(swarm.outcomes().values()) == {Outcome.COMPLETED}
-    assert swarm.closest_m > 2.5
+    assert_arrives(swarm)
 
 
 def test_one_that_is_never_launched_ends_with_the_others() -> None:
@@ -207,7 +203,7 @@ shapes:
 steps:
   - takeoff: {height_m: 4}
   - form: {shape: ring, settle_s: 1, on_gap: close}
-  - hold: {duration_s: 60}
+  - hold: {duration_s: 42}
   - move: {by: [20, 0], speed_mps: 3}
   - land
 """
@@ -241,16 +237,15 @@ def test_a_quarter_leaves_and_the_ring_stands_again_within_15_s(how: str) -> Non
         swarm.command("land", gone)
         swarm.wait(lambda s: set(gone) <= set(s.outcomes()))
     else:
-        places = ((3, (-40.0, 0.0)), (6, (-40.0, 15.0)))
+        places = ((3, (-25.0, 0.0)), (6, (-25.0, 15.0)))
         swarm.command("goto", gone, step=GotoStep(places, 4.0, 1e9))
     swarm.run(15.0)
     assert ring_error_m(swarm, left) < 1.0
     if how == "sent away":
         swarm.command("resume", gone, name="back")
-        swarm.run(15.0 + 55.0 / 4.0)
+        swarm.run(15.0 + 40.0 / 4.0)
         assert ring_error_m(swarm, (1, 2, 3, 4, 5, 6, 7, 8)) < 1.0
-    swarm.fly()
-    assert {swarm.outcomes()[i] for i in left} == {Outcome.COMPLETED}
+    swarm.wait(lambda s: all(step(s, i) == HOLD + 1 for i in left))
     assert swarm.closest_m > 2.5
 
 
@@ -260,8 +255,8 @@ def test_a_quarter_leaves_and_the_ring_stands_again_within_15_s(how: str) -> Non
 @cache
 def moving() -> LoadedMission:
     """Four in a block, which flies north by two legs."""
-    head = TEXT.partition("  - hold: {duration_s: 25}")[0]
-    return loads(f"{head}  - move: {{along: [[40, 5], [80, 5]], speed_mps: 2}}\n  - land\n")
+    head = TEXT.partition("  - hold: {duration_s: 16}")[0]
+    return loads(f"{head}  - move: {{along: [[26, 5], [52, 5]], speed_mps: 2}}\n  - land\n")
 
 
 @pytest.mark.parametrize("agent", [1, on_demand(4)])
@@ -271,10 +266,10 @@ def test_one_comes_back_to_the_others_where_they_are_in_their_move(agent: int) -
     swarm = at_step(moving(), HOLD)
     swarm.run(3.0)
     swarm.command("goto", (agent,), step=GotoStep(((agent, (-10.0, -10.0)),), 4.0, 1e9))
-    swarm.run(22.0)
+    swarm.run(15.0)
     others = [i for i in (1, 2, 3, 4) if i != agent]
     furthest_m = {i: swarm.positions()[i][0] for i in others}
-    assert min(furthest_m.values()) > 40.0
+    assert min(furthest_m.values()) > 26.0
     swarm.command("resume", (agent,), name="c2")
     while swarm.members[2].status.step == HOLD:  # type: ignore[union-attr]
         swarm.tick()
@@ -282,22 +277,18 @@ def test_one_comes_back_to_the_others_where_they_are_in_their_move(agent: int) -
             if i in others:
                 assert north_m > furthest_m[i] - 4.0
                 furthest_m[i] = max(furthest_m[i], north_m)
-    swarm.fly()
-    assert set(swarm.outcomes().values()) == {Outcome.COMPLETED}
-    assert swarm.closest_m > 2.5
+    assert_arrives(swarm)
 
 
 def test_one_that_is_away_stays_where_an_order_to_hold_finds_it() -> None:
     """It does not fly back to its slot in order to hold there."""
     swarm = sent(1)
-    swarm.run(20.0)
+    swarm.run(12.0)
     swarm.command("hold", (1,), name="c2")
-    swarm.run(8.0)
+    swarm.run(5.0)
     assert math.dist(swarm.positions()[1], PLACE) < 1.5
     swarm.command("resume", (1,), name="c3")
-    swarm.fly()
-    assert set(swarm.outcomes().values()) == {Outcome.COMPLETED}
-    assert swarm.closest_m > 2.5
+    assert_arrives(swarm)
 
 
 def test_one_that_is_away_flies_on_when_none_of_the_others_does() -> None:
@@ -320,7 +311,7 @@ def over_one_waiting() -> LoadedMission:
     """Three move until one of them is over the fourth, which waits."""
     text = TEXT.replace("start: [10, 10]}", "start: [10, 10], waits: true}")
     text = text.replace("height_m: 4", "height_m: 6")
-    return loads(text.replace("hold: {duration_s: 25}", "move: {by: [10, 0], speed_mps: 3}"))
+    return loads(text.replace("hold: {duration_s: 16}", "move: {by: [10, 0], speed_mps: 3}"))
 
 
 def test_others_fly_over_one_that_waits_and_make_room_for_its_climb() -> None:
@@ -330,6 +321,4 @@ def test_others_fly_over_one_that_waits_and_make_room_for_its_climb() -> None:
     assert math.dist(swarm.positions()[2], swarm.positions()[4]) < 1.0
     swarm.command("launch", (4,))
     swarm.wait(lambda s: step(s, 4) == step(s, 1))
-    swarm.fly()
-    assert set(swarm.outcomes().values()) == {Outcome.COMPLETED}
-    assert swarm.closest_m > 2.5
+    assert_arrives(swarm)

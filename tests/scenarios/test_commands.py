@@ -11,8 +11,8 @@ import pytest
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.steps.move import MoveStep
 from tests.on_demand import on_demand
-from tests.scenarios.swarm import VirtualSwarm, at_step
-from tests.scenarios.test_steps import FORM, THIRD, assert_good, quartet, shape_error_m
+from tests.scenarios.swarm import VirtualSwarm, assert_arrives, at_step
+from tests.scenarios.test_steps import FORM, THIRD, quartet, shape_error_m
 
 ROW = FormStep("row", ((0.0, 0.0), (0.0, 9.0), (0.0, 18.0), (0.0, 27.0)), 0.5, 2.0, 1e9)
 
@@ -51,8 +51,7 @@ def test_hold_and_resume(holding: VirtualSwarm) -> None:
     begun = holding.now
     holding.wait(lambda s: s.in_step(THIRD + 1))
     assert 8 < holding.now - begun < 14
-    holding.fly(900)
-    assert_good(holding)
+    assert_arrives(holding)
 
 
 def test_hold_while_forming_stops_all() -> None:
@@ -62,26 +61,24 @@ def test_hold_while_forming_stops_all() -> None:
     assert accepted(give(swarm, "hold"))
     swarm.run(6)
     before = swarm.positions()
-    swarm.run(20)
+    swarm.run(8)
     assert all(math.dist(before[i], at) < 0.5 for i, at in swarm.positions().items())
     assert accepted(give(swarm, "resume"))
-    swarm.fly(900)
-    assert_good(swarm)
+    assert_arrives(swarm)
 
 
 def test_form_then_move_then_resume(holding: VirtualSwarm) -> None:
     """A commanded shape stands, goes where it is sent, and the mission goes on from there."""
     assert accepted(give(holding, "form", step=ROW, plan_hash=holding.plan.hash()))
-    holding.run(25)
-    assert accepted(give(holding, "move", step=move_to(40, 10), plan_hash=holding.plan.hash()))
-    holding.run(40)
-    assert math.dist(holding.centre(), (40, 10)) < 1.0
+    holding.run(14)
+    assert accepted(give(holding, "move", step=move_to(20, 10), plan_hash=holding.plan.hash()))
+    holding.run(20)
+    assert math.dist(holding.centre(), (20, 10)) < 1.0
     at = holding.positions()
     assert max(abs((at[i][1] - at[1][1]) - 9 * (i - 1)) for i in at) < 1.0
     assert holding.in_step(THIRD)
     give(holding, "resume")
-    holding.fly(900)
-    assert_good(holding)
+    assert_arrives(holding)
 
 
 def test_next_ends_the_step_once(holding: VirtualSwarm) -> None:
@@ -92,8 +89,7 @@ def test_next_ends_the_step_once(holding: VirtualSwarm) -> None:
     status = holding.members[1].status
     assert status is not None
     assert [step.result for step in status.steps][-2:] == ["skipped", "running"]
-    holding.fly(900)
-    assert_good(holding)
+    assert_arrives(holding)
 
 
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
@@ -117,20 +113,19 @@ def test_one_agent_held_makes_the_others_wait(holding: VirtualSwarm) -> None:
     assert status is not None
     assert status.reason == "waits for agent 2, held by a command: 110 s at most"
     give(holding, "resume", agents=(2,))
-    holding.fly(900)
-    assert_good(holding)
+    assert_arrives(holding)
 
 
 def held_for_long(policy: str) -> VirtualSwarm:
-    """Agent 2 is held in a step of 10 s, in which the others wait for it for 20 s at most."""
-    policies = f"policies: {{left_by_order: {policy}, override_pause_s: 20}}\n"
+    """Agent 2 is held in a step of 5 s, in which the others wait for it for 10 s at most."""
+    policies = f"policies: {{left_by_order: {policy}, override_pause_s: 10}}\n"
     swarm = VirtualSwarm(
-        quartet("hold: {duration_s: 10}", "move: {by: [10, 0]}", "land", head=policies)
+        quartet("hold: {duration_s: 5}", "move: {by: [10, 0]}", "land", head=policies)
     )
     swarm.wait(lambda s: s.in_step(THIRD))
     swarm.run(1)
     give(swarm, "hold", agents=(2,))
-    swarm.run(19)
+    swarm.run(9)
     assert swarm.in_step(THIRD)
     swarm.run(3)
     return swarm
@@ -140,7 +135,7 @@ def test_one_agent_held_for_long_ends_the_mission_by_its_policy() -> None:
     """After the time of the policy the others land, and the held one with them."""
     swarm = held_for_long("land")
     said = [event.text for event in swarm.events]
-    assert sum("land: a command has held agent 2 for 20 s" in text for text in said) == 3
+    assert sum("land: a command has held agent 2 for 10 s" in text for text in said) == 3
     swarm.fly(900)
     assert swarm.all_down
     assert swarm.outcomes() == {1: "aborted", 2: "failed", 3: "aborted", 4: "aborted"}
@@ -154,8 +149,7 @@ def test_a_mission_goes_on_without_an_agent_held_for_long_and_takes_it_in_again(
     assert status_step(swarm, 2) == THIRD
     give(swarm, "resume", agents=(2,))
     swarm.wait(lambda s: s.in_step(THIRD + 1), swarm.now + 1)
-    swarm.fly(900)
-    assert_good(swarm)
+    assert_arrives(swarm)
 
 
 def status_step(swarm: VirtualSwarm, agent: int) -> int:

@@ -15,7 +15,7 @@ from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_sim.firmware.protocol import telemetry
 from tests.on_demand import on_demand
 from tests.scenarios.swarm import VirtualSwarm, at_step, landing_fast
-from tests.scenarios.test_steps import THIRD, quartet
+from tests.scenarios.test_steps import FORM, THIRD, quartet
 
 ACTIONS = [Policy.LAND, Policy.RETURN, Policy.HOLD, Policy.CONTINUE]
 OTHERS = (Policy.RETURN, Policy.LAND, Policy.CONTINUE)
@@ -29,7 +29,7 @@ PHASES = {
 
 
 def mission(
-    policies: str, *, head: str = "", steps: tuple[str, ...] = ("hold: {duration_s: 20}", "land")
+    policies: str, *, head: str = "", steps: tuple[str, ...] = ("hold: {duration_s: 12}", "land")
 ) -> LoadedMission:
     return quartet(*steps, head=f"policies: {{{policies}}}\n{head}")
 
@@ -134,7 +134,8 @@ WIND_SWITCHES = {"ardupilot": ("EK3_DRAG_BCOEF_X", "EK3_DRAG_BCOEF_Y"), "px4": (
 def test_wind(autopilot: str, policy: Policy) -> None:
     """Under the limit nothing happens; above it all do as the mission says, and a hold ends with
     the wind."""
-    windy = mission(f"wind: {policy.value}, wind_limit_mps: 7")
+    held = ("hold: {duration_s: 20}", "land")
+    windy = mission(f"wind: {policy.value}, wind_limit_mps: 7", steps=held)
     fleet = replace(
         windy.fleet, agents=tuple(replace(a, autopilot=autopilot) for a in windy.fleet.agents)
     )
@@ -239,14 +240,14 @@ def test_no_vehicle_takes_off_before_its_position_is_accurate(autopilot: str) ->
     """One bad vehicle keeps all on the ground; they fly once it is good."""
     swarm = VirtualSwarm(of_kind(mission(""), autopilot))
     second(swarm, "SIM_GPS_ACC", 3.4)
-    swarm.run(20)
+    swarm.run(8)
     assert swarm.phases() == {Phase.PREPARE}
     status = swarm.members[2].status
     assert status is not None
     assert status.reason == "position accuracy 3.4 m; allowed: at most 1.0 m"
     assert status.position_accuracy_m == pytest.approx(3.4)
     second(swarm, "SIM_GPS_ACC", 0.9)
-    swarm.wait(lambda s: s.in_step(THIRD))
+    swarm.wait(lambda s: s.in_step(FORM))
     assert "hold:" not in reasons(swarm)
 
 
@@ -262,7 +263,7 @@ def test_no_vehicle_takes_off_before_its_position_is_accurate(autopilot: str) ->
 def test_an_estimate_that_gets_bad_in_the_air(autopilot: str, policy: Policy) -> None:
     swarm = in_third(of_kind(mission(f"estimate: {policy.value}"), autopilot))
     second(swarm, "SIM_GPS_ACC", 1.9)
-    swarm.run(8)
+    swarm.run(5)
     assert swarm.phases() == {Phase.FLY}
     second(swarm, "SIM_GPS_ACC", 3.4)
     swarm.run(4)
@@ -319,7 +320,7 @@ def test_a_mission_faster_than_a_vehicle_stays_on_the_ground(
     fast = mission("", head="vehicle: {limits: {speed_mps: 5}}\n")
     swarm = VirtualSwarm(of_kind(fast, autopilot))
     second(swarm, parameter, value)
-    swarm.run(20)
+    swarm.run(8)
     assert swarm.phases() == {Phase.PREPARE}
     status = swarm.members[2].status
     assert status is not None

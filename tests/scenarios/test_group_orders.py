@@ -20,6 +20,7 @@ version: 1
 name: pairs-and-trio
 origin: {lat_deg: -35.36, lon_deg: 149.16, alt_m: 584}
 lengths: metres
+tick_s: 0.1
 law: {r: 60, r_out: 6, r_in: 2.5}
 agents:
   - {id: 1, start: [0, 0]}

@@ -54,7 +54,7 @@ def test_an_order_before_the_first_position_is_told_as_well(kind: str) -> None:
 @pytest.mark.parametrize("kind", ORDERS)
 def test_the_others_go_on(kind: str) -> None:
     """In shape, through all further steps; the one that left says by which order, and when."""
-    swarm = in_third(quartet("hold: {duration_s: 30}", "move: {by: [20, 0]}", "land"))
+    swarm = in_third(quartet("hold: {duration_s: 14}", "move: {by: [12, 0]}", "land"))
     swarm.command(kind, agents=(3,))
     ordered_s = swarm.now
     swarm.run(2)
@@ -84,12 +84,12 @@ def test_another_order_to_one_that_has_left_is_not_the_others_concern(
 
 def test_the_others_hold_until_resume() -> None:
     """By policy: they stop at once, refuse `next`, and go on without it by `resume` alone."""
-    mission = quartet("move: {by: [20, 0], timeout_s: 30}", "land", head=policy(Policy.HOLD))
+    mission = quartet("move: {by: [20, 0], timeout_s: 16}", "land", head=policy(Policy.HOLD))
     swarm = in_third(mission)
     swarm.command("land", agents=(3,))
     swarm.run(5)
     before = swarm.positions()
-    swarm.run(30)  # longer than the step may take
+    swarm.run(16)  # longer than the step may take
     assert {status(swarm, i).phase for i in (1, 2, 4)} == {Phase.HOLD}
     assert all(math.dist(before[i], swarm.positions()[i]) < 0.5 for i in (1, 2, 4))
     swarm.acks.clear()
@@ -137,7 +137,7 @@ def test_an_agent_that_is_landed_before_take_off_is_flown_without() -> None:
 
 def test_an_agent_that_left_and_fell_silent_is_not_lost() -> None:
     """Its process dies on the way back; the others fly on, and clear of its vehicle."""
-    swarm = in_third(quartet("hold: {duration_s: 30}", "land"))
+    swarm = in_third(quartet("hold: {duration_s: 15}", "land"))
     swarm.command("return", agents=(3,))
     swarm.run(4)
     swarm.kill(3)
@@ -151,31 +151,31 @@ def test_the_leader_of_a_move_leaves(kind: str) -> None:
     """The formation goes on to its end by another one's frame; a held leader stops it for the
     policy's time alone."""
     head = "policies: {override_pause_s: 5}\n"
-    swarm = in_third(quartet("move: {by: [40, 0]}", "hold: {duration_s: 5}", "land", head=head))
+    swarm = in_third(quartet("move: {by: [20, 0]}", "hold: {duration_s: 5}", "land", head=head))
     begun = swarm.centre()
     swarm.command(kind, agents=(1,))
     swarm.wait(lambda s: all(status(s, i).step == THIRD + 1 for i in (2, 3, 4)), swarm.now + 60)
     moved = [swarm.positions()[i][0] for i in (2, 3, 4)]
-    assert sum(moved) / 3 > begun[0] + 30
+    assert sum(moved) / 3 > begun[0] + 15
 
 
 def test_held_agents_stand_while_another_one_flies_on() -> None:
     """The mission goes on after the policy's pause for the agent that was not held; it pulls none
     of the held ones along."""
     head = "policies: {override_pause_s: 5}\n"
-    swarm = in_third(quartet("move: {by: [25, 0]}", "hold: {duration_s: 5}", "land", head=head))
+    swarm = in_third(quartet("move: {by: [15, 0]}", "hold: {duration_s: 5}", "land", head=head))
     swarm.command("hold", agents=(1, 2, 3))
     swarm.run(1)
     places = swarm.positions()
     swarm.wait(lambda s: status(s, 4).step == THIRD + 1, swarm.now + 60)
     moved = {i: math.dist(place, places[i]) for i, place in swarm.positions().items()}
-    assert moved.pop(4) > 20.0
+    assert moved.pop(4) > 12.0
     assert max(moved.values()) < 1.0
 
 
 def test_a_formation_may_stand_over_a_vehicle_that_has_landed_and_lands_beside_it() -> None:
     """On the ground it is in no agent's way; no vehicle comes down on it."""
-    swarm = in_third(quartet("hold: {duration_s: 40}", "rotate: {angle_deg: 90}", "land"))
+    swarm = in_third(quartet("hold: {duration_s: 15}", "rotate: {angle_deg: 90}", "land"))
     swarm.command("land", agents=(3,))
     swarm.wait(lambda s: all(status(s, i).step == THIRD + 2 for i in (1, 2, 4)))
     place = swarm.positions()[3]

@@ -12,7 +12,7 @@ from swarm_ctl.core.model.messages import AgentStatus, Outcome, StepOutcome
 from swarm_ctl.core.model.steps.goto import GotoStep
 from swarm_ctl.mission.compile.loader import LoadedMission, loads
 from tests.on_demand import on_demand
-from tests.scenarios.swarm import VirtualSwarm, at_step, landing_fast
+from tests.scenarios.swarm import VirtualSwarm, assert_arrives, at_step
 
 HEAD = """\
 version: 1
@@ -57,7 +57,7 @@ HOME = """\
       one:
         - hold: {duration_s: 4}
   - form: {shape: row, settle_s: 1}
-  - move: {by: [60, 0], speed_mps: 4}
+  - move: {by: [20, 0], speed_mps: 4}
   - land
 """
 FORM, SPLIT = 2, 3
@@ -107,7 +107,7 @@ def test_a_group_goes_on_when_the_time_of_its_barrier_is_over() -> None:
     of the split it waits for the others, and the mission is completed."""
     late = MEET.replace("{name: ridge}", "{name: ridge, timeout_s: 15, on_timeout: continue}", 1)
     swarm = at_step(parted(late.replace("duration_s: 12", "duration_s: 45")), SPLIT)
-    swarm.fly()
+    assert_arrives(swarm)
     for agent in WEST:
         waited = status(swarm, agent).steps[5]
         assert waited.result is StepOutcome.TIMEOUT
@@ -119,7 +119,6 @@ def test_a_group_goes_on_when_the_time_of_its_barrier_is_over() -> None:
     }
     last = swarm.plan.groups[-1].before + 1
     assert min(began_s(swarm, i, last) for i in ALL) > began_s(swarm, EAST[0], 5)
-    assert set(swarm.outcomes().values()) == {Outcome.COMPLETED}
 
 
 def test_groups_meet_at_a_barrier_and_are_one_again() -> None:
@@ -182,9 +181,7 @@ def test_an_agent_that_starts_again_comes_back_to_its_group(agent: int) -> None:
     swarm.restart(agent)
     swarm.run(4.0)
     assert status(swarm, agent).step >= SPLIT
-    swarm.fly()
-    assert set(swarm.outcomes().values()) == {Outcome.COMPLETED}
-    assert swarm.closest_m > 2.5
+    assert_arrives(swarm)
 
 
 def test_one_alone_in_its_group_starts_again() -> None:
@@ -209,23 +206,21 @@ def test_an_order_to_one_group_holds_that_group_alone() -> None:
     swarm.run(5.0)
     assert {name(swarm, i) for i in EAST} == {"barrier ridge"}
     swarm.command("resume", WEST, name="c2")
-    swarm.fly()
-    assert set(swarm.outcomes().values()) == {Outcome.COMPLETED}
+    assert_arrives(swarm)
 
 
 def test_an_order_for_a_whole_group_forms_and_moves_it() -> None:
     """A shape of two for the group of two; for all it would have too few slots, and is refused."""
-    swarm = landing_fast(at_step(parted(), SPLIT))
+    swarm = at_step(parted(), SPLIT)
     form = next(s.new_shape for s in swarm.plan.groups[1].steps if s.new_shape is not None)
     swarm.wait(lambda s: name(s, 2) == "hold")
     swarm.command("form", EAST, step=form)
-    swarm.run(15.0)
+    swarm.run(9.0)
     at = swarm.positions()
     slots = [(n * swarm.plan.unit_m, e * swarm.plan.unit_m) for n, e in form.slots]
     assert formation_error([at[i] for i in EAST], slots) < 0.5
     swarm.command("resume", EAST, name="c2")
-    swarm.fly()
-    assert set(swarm.outcomes().values()) == {Outcome.COMPLETED}
+    assert_arrives(swarm)
 
 
 def test_one_that_was_away_before_the_split_comes_back_into_its_group() -> None:
@@ -237,6 +232,4 @@ def test_one_that_was_away_before_the_split_comes_back_into_its_group() -> None:
     swarm.command("resume", (1,), name="c2")
     swarm.run(2.0)
     assert status(swarm, 1).step == SPLIT + 1
-    swarm.fly()
-    assert set(swarm.outcomes().values()) == {Outcome.COMPLETED}
-    assert swarm.closest_m > 2.5
+    assert_arrives(swarm)

@@ -14,7 +14,7 @@ from swarm_ctl.core.model.messages import Phase, ReturnStage
 from swarm_ctl.core.model.plan import Policy
 from swarm_ctl.mission.compile.loader import LoadedMission, load, loads
 from tests.on_demand import on_demand
-from tests.scenarios.swarm import VirtualSwarm, at_step, landing_fast
+from tests.scenarios.swarm import VirtualSwarm, assert_arrives, at_step, landing_fast
 
 TEXT = """\
 # At half the usual rate, and for half the work; test_missions.py and others fly at 20 Hz.
@@ -92,24 +92,23 @@ def test_a_formation_that_holds_is_calm(autopilot: str) -> None:
 
 def test_move_keeps_shape_and_arrives() -> None:
     """Along a path with a corner: never more than a metre out of shape, the centre at its end."""
-    swarm = at_step(quartet("move: {along: [[30, 13], [30, 43]]}", "land"), THIRD)
+    swarm = at_step(quartet("move: {along: [[20, 13], [20, 33]]}", "land"), THIRD)
     worst = 0.0
     while swarm.in_step(THIRD):
         swarm.tick()
         worst = max(worst, shape_error_m(swarm, THIRD))
-    assert math.dist(swarm.centre(), (30, 43)) < 1.0
+    assert math.dist(swarm.centre(), (20, 33)) < 1.0
     assert worst < 1.0
-    swarm.fly(900)
-    assert_good(swarm)
+    assert_arrives(swarm)
 
 
 def test_the_formation_does_not_drift_while_it_holds() -> None:
-    """The pinned agent keeps the centre where it was, for a minute."""
-    swarm = at_step(quartet("hold: {duration_s: 70}", "land"), THIRD)
+    """The pinned agent keeps the centre where it was, for half a minute."""
+    swarm = at_step(quartet("hold: {duration_s: 40}", "land"), THIRD)
     swarm.run(5)
     before = swarm.centre()
-    swarm.run(60)
-    assert math.dist(before, swarm.centre()) < 0.18
+    swarm.run(30)
+    assert math.dist(before, swarm.centre()) < 0.09
 
 
 @pytest.mark.parametrize(
@@ -118,9 +117,9 @@ def test_the_formation_does_not_drift_while_it_holds() -> None:
 )
 def test_rotate_and_scale(step: str, angle: float, factor: float) -> None:
     """The slots end turned (clockwise from above) or wider, the centre stays."""
-    swarm = at_step(quartet(step, "hold: {duration_s: 20}", "land"), THIRD)
+    swarm = at_step(quartet(step, "land"), THIRD)
     before, centre = np.array(list(swarm.positions().values())), swarm.centre()
-    swarm.wait(lambda s: s.in_step(THIRD + 1))
+    assert_arrives(swarm)
     after = np.array(list(swarm.positions().values()))
     turn = math.radians(angle)
     expected = (
@@ -131,13 +130,11 @@ def test_rotate_and_scale(step: str, angle: float, factor: float) -> None:
     assert np.abs(after - after.mean(axis=0) - expected).max() < 1.2
     assert math.dist(centre, swarm.centre()) < 1.0
     assert shape_error_m(swarm, THIRD) < 0.6
-    swarm.fly(900)
-    assert_good(swarm)
 
 
 def test_return_brings_all_home_at_once() -> None:
     """Each lands at its own start, and no pair comes too near on the way."""
-    swarm, together = at_step(quartet("move: {to: [40, 20]}", "return"), 4), 0
+    swarm, together = at_step(quartet("move: {to: [25, 20]}", "return"), 4), 0
     while any(member.alive for member in swarm.members.values()):
         swarm.tick()
         flying = [m for m in swarm.members.values() if m.alive and m.status]
@@ -191,7 +188,7 @@ def test_an_agent_dies_in_any_step(step: int, victim: int, policy: Policy) -> No
 
 def test_another_takes_over_when_the_pinned_agent_is_lost() -> None:
     """The move goes on to its end without a jump: the frame is where it was told to be last."""
-    mission = quartet("move: {to: [60, 13]}", "land")
+    mission = quartet("move: {to: [50, 13]}", "land")
     policies = replace(mission.plan.policies, agent_lost=Policy.CONTINUE)
     swarm = at_step(replace(mission, plan=replace(mission.plan, policies=policies)), THIRD)
     swarm.run(8)
@@ -232,10 +229,9 @@ def test_a_step_that_takes_too_long(policy: Policy) -> None:
 
 def test_neighbours_of_a_form_step() -> None:
     """An explicit graph takes effect with its step, in every agent."""
-    swarm = VirtualSwarm(
-        quartet("form: {shape: row, neighbours: [[1, 2], [2, 3], [3, 4]]}", "land")
+    swarm = at_step(
+        quartet("form: {shape: row, neighbours: [[1, 2], [2, 3], [3, 4]]}", "land"), THIRD
     )
-    swarm.wait(lambda s: s.in_step(THIRD))
     swarm.run(1)
     status = {i: m.status for i, m in swarm.members.items()}
     assert {i: s.neighbours for i, s in status.items() if s} == {
@@ -244,8 +240,7 @@ def test_neighbours_of_a_form_step() -> None:
         3: (2, 4),
         4: (3,),
     }
-    swarm.fly(900)
-    assert_good(swarm)
+    assert_arrives(swarm)
 
 
 @pytest.mark.long

@@ -27,12 +27,12 @@ from swarm_ctl.virtual.scenario_flight import fly_scenario
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from tests.on_demand import on_demand
 from tests.scenarios.swarm import (
+    assert_arrives,
     at_half_rate,
     at_step,
     deaf,
     flown_once,
     landing_fast,
-    to_the_last_step,
 )
 from tests.unit.plans import steps_of
 
@@ -144,8 +144,7 @@ def test_the_ready_mission_through_a_wood() -> None:
     kept = {zone.name: zone.clearance_m for zone in swarm.plan.zones}
     del kept["hut"]  # flown over
     assert all(least[name] > clearance_m for name, clearance_m in kept.items()), least
-    to_the_last_step(swarm)
-    assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
+    assert_arrives(swarm)
 
 
 def test_all_pass_one_that_was_lost_in_the_gate_s_mouth() -> None:
@@ -365,7 +364,7 @@ def test_a_move_under_way_goes_round_a_zone_that_is_added(by: str) -> None:
     if by == "order":
         swarm.wait(lambda s: min(place[0] for place in s.positions().values()) > 104.0)
         ordered(swarm, "resume")
-    to_the_last_step(swarm)
+    assert_arrives(swarm)
     assert swarm.closest_m > 2 * mission.plan.law.r_in * mission.plan.unit_m
 
 
@@ -409,8 +408,7 @@ def test_a_zone_that_is_added_over_a_formation_on_its_way_holds_it_up_for_a_mome
             gap = gap_m(pond, north, east_m)
             left[k] = left[k] or gap > 1.0
             assert not left[k] or gap > 0.0 or down > -0.5
-    to_the_last_step(swarm)
-    assert swarm.closest_m > mission.plan.law.r_in * mission.plan.unit_m
+    assert_arrives(swarm)
 
 
 def test_a_zone_that_is_lifted_is_flown_over_again() -> None:
@@ -423,7 +421,7 @@ def test_a_zone_that_is_lifted_is_flown_over_again() -> None:
     swarm.wait(lambda s: max(place[0] for place in s.positions().values()) > 62.0)
     middle = sum(east for _, east, _ in swarm.hub.world.positions()) / 4
     assert abs(middle - 5.0) < 5.0
-    to_the_last_step(swarm)
+    assert_arrives(swarm)
 
 
 HOME = """\
