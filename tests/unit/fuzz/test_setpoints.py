@@ -94,10 +94,10 @@ def test_each_takes_half_of_the_room(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_each_is_slow_near_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    holds = {"at_s": 15.0, "order": "hold @1"}
-    assert swapped(holds) == ""
+    holds = {"at_s": 15.0, "order": "hold @1"}, {"at_s": 19.0, "order": "land"}
+    assert swapped(*holds) == ""
     monkeypatch.setattr(decide, "cap", lambda room, unsure_s, margins: margins.speed)
-    assert "agent 2 was too fast for the room to others at 18.2 s" in swapped(holds)
+    assert "agent 2 was too fast for the room to others at 18.2 s" in swapped(*holds)
 
 
 def test_each_makes_room_before_it_lands(monkeypatch: pytest.MonkeyPatch) -> None:
