@@ -47,10 +47,10 @@ def test_a_draw_depends_on_seed_and_number() -> None:
 
 
 def test_all_kinds_are_drawn() -> None:
-    """Among what a seed draws first; also missions with a wake, a fence, a split and its barriers,
+    """Among what a seed draws first; also missions with a wake, a fence, a barrier that is no join,
     and scenarios in which nothing happens."""
     happenings = {*FAULTS, "order"}
-    missing = {*happenings, *KINDS, "ardupilot", "px4", "wake", "fence", "barrier", "nothing"}
+    missing = {*happenings, *KINDS, "ardupilot", "px4", "wake", "fence", "meet", "nothing"}
     for scenario, mission in map(drawn, range(6 * DRAWN)):
         plan, kinds = mission.plan, {each.kind for each in scenario.happens} or {"nothing"}
         assert kinds <= {*happenings, "nothing"}
@@ -58,8 +58,7 @@ def test_all_kinds_are_drawn() -> None:
         missing -= {entry.autopilot for entry in mission.fleet.agents}
         missing -= {"wake"} if plan.wake else set()
         missing -= {"fence"} if plan.fence else set()
-        split = plan.groups if len(plan.groups) > 1 else ()
-        missing -= {"barrier" for group in split for step in group.steps if step.barrier}
+        missing -= {at.step.barrier for at in plan.all_steps()}  # the drawn ones are called "meet"
         if not missing:
             break
     assert not missing
