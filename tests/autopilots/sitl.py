@@ -6,7 +6,6 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-import os
 import struct
 import threading
 import time
@@ -287,13 +286,3 @@ class Client:
             self.texts.append(message.text)
         elif kind == "PARAM_VALUE":
             self.parameters[message.param_id] = (message.param_value, message.param_type)
-
-
-def pids_alive(pids: Sequence[int]) -> list[int]:
-    """Those that still run."""
-    found = []
-    for pid in pids:
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(pid, 0)
-            found.append(pid)
-    return found

@@ -52,7 +52,6 @@ class Count:
     """Frames so far."""
 
     carried: int = 0
-    carried_bytes: int = 0
     dropped: int = 0
 
 
@@ -114,7 +113,6 @@ class Relay:
             try:
                 self._sockets[other].send(frame)
                 self.count.carried += 1
-                self.count.carried_bytes += len(frame)
             except OSError:
                 self.count.dropped += 1  # its queue is full, or its namespace is on its way out
 

@@ -42,7 +42,7 @@ steps:
   - hold: {{duration_s: 3}}
   - land
 """
-TAKE_OFF, FORM = 1, 2
+FORM = 2
 SIDES = ((1, 2), (3, 4))
 
 

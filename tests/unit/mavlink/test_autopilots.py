@@ -31,7 +31,7 @@ from tests.unit.mavlink.scripted import Scripted, ScriptedArdupilot, ScriptedPx4
 SCRIPTED = {"ardupilot": ScriptedArdupilot, "px4": ScriptedPx4}
 CONTROLLED = {"ardupilot": wire.GUIDED, "px4": scripted.OFFBOARD}
 PILOT = {"ardupilot": 5, "px4": scripted.POSCTL}  # LOITER, POSCTL
-ARM, TAKE_OFF, MODE, INTERVAL, REQUEST = 400, 22, 176, 511, 512
+ARM, TAKE_OFF, MODE = 400, 22, 176
 
 both = pytest.mark.parametrize("name", AUTOPILOTS)
 

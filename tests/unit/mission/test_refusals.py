@@ -282,6 +282,7 @@ def test_an_id_that_is_no_sysid_needs_a_fleet() -> None:
         (b"[" * 5000, "nested too deeply"),
         (b"a: " + b"9" * 5000, "unknown field"),
     ],
+    ids=lambda shown: shown if isinstance(shown, str) else "",
 )
 def test_files_that_are_no_missions(tmp_path: Path, content: bytes, what: str) -> None:
     path = tmp_path / "mission.yaml"

@@ -4,6 +4,7 @@ end."""
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 from swarm_ctl.core.model.messages import Ack, Command, Event, Payload, Phase, Severity
 from swarm_ctl.station.picture.playback import Film
@@ -37,8 +38,9 @@ def said() -> list[tuple[float, Payload]]:
     return sorted(found, key=lambda one: one[0])
 
 
+@cache
 def scenes() -> list[list[tuple[float, Payload]]]:
-    """In parts of a few seconds, the last one empty (as a chunk of truth alone is)."""
+    """In parts of a few seconds, the last one empty (as a chunk of truth alone is): shared."""
     all_said = said()
     return [[one for one in all_said if at_s <= one[0] < at_s + 4] for at_s in range(0, 70, 4)]
 

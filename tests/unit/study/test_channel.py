@@ -147,19 +147,19 @@ def test_far_news_is_as_old_as_far_words() -> None:
     """Two groups of nine that pass each other: a near peer's states come at every tick, from five
     ticks after it has come near; a far peer's word twice a second. The limits of age are later for
     far peers, and for those that came near a moment ago, as `Peer` has them."""
-    batch = missions(n=18, missions=3, delay_s="0:0.1", area=12.0)
+    batch = missions(n=18, missions=2, delay_s="0:0.1", area=12.0)
     flown = Flown(batch)
     pair = flown.pair
-    speed = np.where(np.arange(18) < 9, 0.05, -0.05)[:, None]
+    speed = np.where(np.arange(18) < 9, 0.1, -0.1)[:, None]
     delay = np.rint(batch.delay_s / TICK_S).T[:, None]
     near_since = np.where(pair["near"], -100.0, np.inf)
     newest, came, went = np.zeros(pair.shape), 0, 0
     peers = [Peer(1, PeerClock(), BeliefLimits.of(plan())) for _ in range(18)]
     for peer, near in zip(peers, pair["near"][0, 0], strict=True):
         peer.near_s = -100.0 if near else np.inf
-    for tick in range(400):
+    for tick in range(200):
         points = batch.starts.copy()
-        points[0] += (tick - 200) * speed
+        points[0] += (tick - 100) * speed
         flown.hear(points)
         sent = np.broadcast_to(tick - delay, pair.shape)
         arrives = (sent + np.arange(18)) % 10 == 0

@@ -241,6 +241,7 @@ def test_the_numbers_behind_the_figures(run: Path) -> None:
     assert history.heard.sigmas[4, 5] == [(25.0, 1.2, 0.36)]
 
 
+@pytest.mark.usefixtures("quick")
 def test_compare_needs_two_and_shows_both(run: Path, tmp_path: Path) -> None:
     """A table with a column per run, each figure of each run, one of both together."""
     other = tmp_path / "other"

@@ -213,7 +213,7 @@ def test_one_that_signs_takes_the_place_of_one_that_does_not(persona: str) -> No
     assert len(clients.hub._clients[0]) <= MAX_CLIENTS
 
 
-STRANGER, AGENT = ("10.89.1.7", 5), ("10.89.1.2", 6)
+AGENT = ("10.89.1.2", 6)
 
 
 @pytest.mark.parametrize("persona", ["ardupilot", "px4"])

@@ -368,7 +368,7 @@ hovering_again = flown_once(hovering)
 
 
 @PERSONAS
-@settings(max_examples=20)
+@settings(max_examples=8)
 @given(names=st.sets(st.sampled_from(sorted(BRIEF)), min_size=1), for_s=st.floats(0.1, 0.6))
 @example(names=set(BRIEF), for_s=0.5)
 @example(names={"SIM_VEL_NOISE"}, for_s=0.5)
