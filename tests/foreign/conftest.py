@@ -1,4 +1,4 @@
-"""The one flight that all programs of others look at."""
+"""The one whole flight, at which all programs of others look, too."""
 
 from __future__ import annotations
 
@@ -12,40 +12,60 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
 
-from tests.system.running import LOW, Running
+from tests.system.running import HEXAGON, Running
 
 if TYPE_CHECKING:
     from tests.foreign.foxglove_client import FoxgloveClient
 
 
 class Flight(NamedTuple):
-    """A flight of three agents in lockstep that has ended."""
+    """A flight of six agents in lockstep that has ended."""
 
+    code: int
+    stdout: str
+    stderr: str
+    cwd: Path
     folder: Path
     """With recording, logs, report and `junit.xml`."""
     client: FoxgloveClient | None
     """Has watched it; None where the extra `foxglove` is not installed."""
 
 
+SHORTER = {
+    "tick_s: 0.05": "tick_s: 0.1",
+    "kappa: 20 ": "kappa: 10 ",
+    "height_m: 10": "height_m: 4",
+    "duration_s: 10": "duration_s: 3",
+}
+"""Of `hexagon.yaml`: at half the rate, for half the work."""
+
+
 @pytest.fixture(scope="session")
 def flight(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Flight]:
-    """Flown once for all files."""
-    cwd, client = tmp_path_factory.mktemp("foreign"), None
-    fly = ["run", LOW, "--lockstep", "--headless", "--junit", "junit.xml"]
+    """Flown once for all files, with JSON lines on stdout."""
+    cwd, client, text = tmp_path_factory.mktemp("foreign"), None, HEXAGON.read_text()
+    for long, short in SHORTER.items():
+        assert long in text
+        text = text.replace(long, short)
+    (cwd / "hexagon.yaml").write_text(text)
+    fly = ["run", "hexagon.yaml", "--lockstep", "--json", "--junit", "junit.xml"]
     with ExitStack() as opened:
         if find_spec("foxglove") is None:
-            running = opened.enter_context(Running(*fly, cwd=cwd))
+            running = opened.enter_context(Running(*fly, cwd=cwd, stderr=True))
         else:
             from tests.foreign.foxglove_client import FoxgloveClient
 
-            port = _free_port()
-            running = opened.enter_context(Running(*fly, "--foxglove", str(port), cwd=cwd))
-            client = opened.enter_context(FoxgloveClient(port))
+            port = str(_free_port())
+            running = Running(*fly, "--foxglove", port, cwd=cwd, stderr=True)
+            opened.enter_context(running)
+            client = opened.enter_context(FoxgloveClient(int(port)))
             assert not client.listen(lambda: False, seconds=120.0)
-        assert running.wait() == 0, running.output
+        code = running.wait()
         running.assert_nothing_left()
+        told = (code, running.output, running.errors, cwd)
+        assert code == 0, told
         shutil.move(cwd / "junit.xml", running.folder)
-        yield Flight(running.folder, client)
+        yield Flight(*told, running.folder, client)
 
 
 def _free_port() -> int:

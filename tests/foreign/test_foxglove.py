@@ -52,7 +52,7 @@ def test_a_client_sees_the_flight(client: FoxgloveClient) -> None:
     """Its own schemas and our channels are advertised; the messages tell of a flight, in the
     mission's time."""
     assert client.protocol == PROTOCOL
-    assert client.info["name"] == "low"
+    assert client.info["name"] == "hexagon"
     found = {channel["topic"]: channel for channel in client.channels.values()}
     assert {topic: found[topic]["schemaName"] for topic in OWN_SCHEMAS} == OWN_SCHEMAS
     assert {"/agent/3/state", "/agent/2/status", "/swarm"} <= found.keys()

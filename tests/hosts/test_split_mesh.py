@@ -37,7 +37,7 @@ policies: {{agent_lost: {lost}, agent_lost_after_s: {after_s}, station_lost: {lo
 shapes:
   swapped: {{kind: offsets, offsets: [[26, 0], [26, 16], [0, 8], [0, 24]]}}
 steps:
-  - takeoff: {{height_m: 5}}
+  - takeoff: {{height_m: 2}}
   - form: {{shape: swapped, slots: fixed, timeout_s: 240}}
   - hold: {{duration_s: 3}}
   - land

@@ -111,37 +111,33 @@ def contained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Runni
 
 
 def test_the_end_of_its_parent_ends_it_once_no_vehicle_is_armed(running: Running) -> None:
+    """Ctrl-C of the terminal is not for it. Each vehicle has its agent's endpoint and its own
+    system id."""
     running.wait_ready()
+    copter, px4 = running.started
+    assert copter.endpoint == f"tcp:127.0.0.1:{5760 + 10 * copter.instance}"
+    assert px4.endpoint == f"udpin:127.0.0.1:{14540 + px4.instance}"
+    assert [copter.sysid, px4.sysid] == [10, 11]
+    arm(running)
+    running.process.send_signal(signal.SIGINT)
+    time.sleep(0.3)
+    assert running.process.poll() is None
+    running.let_go()
+    time.sleep(0.7)
+    assert running.process.poll() is None
+    (running.folder / "1" / "armed").unlink()
+    assert running.process.wait(10) == 0
+    running.assert_nothing_left()
+
+
+def arm(running: Running) -> None:
+    """The PX4, which has told it then."""
     armed = running.folder / "1" / "armed"
     armed.touch()
     until = time.monotonic() + 30.0
     while not armed.with_name("said").exists():
         assert time.monotonic() < until
         time.sleep(0.02)
-    running.let_go()
-    time.sleep(0.7)
-    assert running.process.poll() is None
-    armed.unlink()
-    assert running.process.wait(10) == 0
-    running.assert_nothing_left()
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
-def test_a_signal_ends_it_and_every_autopilot_at_once(
-    running: Running, number: signal.Signals
-) -> None:
-    running.wait_ready()
-    (running.folder / "0" / "armed").touch()
-    running.process.send_signal(number)
-    running.process.wait(10)
-    running.assert_nothing_left()
-
-
-def test_ctrl_c_of_the_terminal_is_not_for_it(running: Running) -> None:
-    running.wait_ready()
-    running.process.send_signal(signal.SIGINT)
-    time.sleep(0.3)
-    assert running.process.poll() is None
 
 
 def test_an_autopilot_that_ends_by_itself_is_named(running: Running) -> None:
@@ -153,14 +149,6 @@ def test_an_autopilot_that_ends_by_itself_is_named(running: Running) -> None:
     assert running.process.stderr is not None
     assert "arducopter of agent 0 ended, code -9" in running.process.stderr.read().decode()
     running.assert_nothing_left()
-
-
-def test_each_vehicle_has_its_agents_endpoint_and_its_own_system_id(running: Running) -> None:
-    running.wait_ready()
-    copter, px4 = running.started
-    assert copter.endpoint == f"tcp:127.0.0.1:{5760 + 10 * copter.instance}"
-    assert px4.endpoint == f"udpin:127.0.0.1:{14540 + px4.instance}"
-    assert [copter.sysid, px4.sysid] == [10, 11]
 
 
 def test_two_runs_that_start_at_once_have_autopilots_at_other_ports(tmp_path: Path) -> None:
@@ -200,11 +188,12 @@ def test_an_autopilot_that_does_not_start_is_an_error_that_names_its_log(tmp_pat
 
 
 @pytest.mark.parametrize("whose", ["lifeline", "SIGTERM", "SIGKILL", "client"])
-def test_a_container_ends_however_the_process_or_the_engines_client_ends(
+def test_all_ends_however_the_process_or_the_engines_client_ends(
     contained: Running, whose: str
 ) -> None:
-    """The lifeline cut, the process asked to end or killed, the client killed: no program of the
-    container runs on, and the engine has removed it."""
+    """The lifeline cut, the process asked to end or killed (at once, though a vehicle is armed),
+    the client killed: no program of the container runs on, the engine has removed it, and no other
+    autopilot runs without the process."""
     contained.wait_ready()
     (file,) = (contained.folder / "containers").glob("swarm-ctl-*")
     program = Path(f"/proc/{file.read_text()}")
@@ -214,6 +203,7 @@ def test_a_container_ends_however_the_process_or_the_engines_client_ends(
     elif whose == "client":
         os.kill(contained.started[0].pid, signal.SIGKILL)
     else:
+        arm(contained)
         contained.process.send_signal(signal.Signals[whose])
     until = time.monotonic() + 5.0
     while file.exists() or program.exists():
@@ -223,3 +213,4 @@ def test_a_container_ends_however_the_process_or_the_engines_client_ends(
         assert contained.process.poll() is None
     else:
         contained.process.wait(10)
+        contained.assert_nothing_left()

@@ -1,5 +1,5 @@
-"""A station that is killed in flight: the agents land, and its recording is there (`test_whole.py`
-has what one holds)."""
+"""A station that is killed in flight: the agents land, and its recording is there
+(`tests/foreign/test_whole.py` has what one holds)."""
 
 from __future__ import annotations
 
