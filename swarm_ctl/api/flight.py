@@ -162,7 +162,8 @@ class SwarmFlight(ABC):
 
     @abstractmethod
     def reached(self, step: int, agents: Collection[int] = ()) -> bool:
-        """Every live agent, of these where some are named, is in this step or beyond."""
+        """Every agent that flies the mission, of these where some are named, is in this step or
+        beyond; who has left the formation, or waits on the ground, is not waited for."""
 
     @abstractmethod
     def view(self) -> SwarmView:
@@ -170,10 +171,10 @@ class SwarmFlight(ABC):
         call."""
 
     def wait_step(self, step: int | str, within_s: float = 300.0, *, group: str = "") -> None:
-        """Wait until every live agent, or each of a group, is in this step or beyond: its number
-        from 1 (0: preparing), or its name as on screens, `form vee`, of the group's steps the first
-        of that name. FlightError when that takes longer, or when the flight ends before; ValueError
-        when there is no such step, InputError when there is no such group.
+        """Wait until every agent that flies the mission, or each of a group, is in this step or
+        beyond: its number from 1 (0: preparing), or its name as on screens, `form vee`, of the
+        group's steps the first of that name. FlightError when that takes longer, or when the flight
+        ends before; ValueError when there is no such step, InputError when there is no such group.
         """
         __tracebackhide__ = True
         for _ in turns_to_step(self, step, within_s, group):

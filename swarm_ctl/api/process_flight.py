@@ -139,7 +139,8 @@ class ProcessFlight(SwarmFlight):
         self.observed()
 
     def reached(self, step: int, agents: Collection[int] = ()) -> bool:
-        states = [s for i, s in self._mesh.newest().items() if i in agents or not agents]
+        newest = self._mesh.newest().items()
+        states = [s for i, s in newest if (i in agents or not agents) and s.left is None]
         return len(states) > 0 and all(state.step >= step for state in states)
 
     def view(self) -> SwarmView:

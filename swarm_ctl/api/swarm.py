@@ -84,9 +84,10 @@ class Swarm:
     # --- waiting ---
 
     def step(self, step: int | str, within_s: float = _STEP_S, *, group: str = "") -> None:
-        """Wait until every live agent, or each of a group (`"@scouts"`), is in this step or beyond:
-        its number from 1, or its name (`form hexagon`). FlightError when that takes longer or the
-        flight ends before; ValueError lists the steps where there is no such one."""
+        """Wait until every agent that flies the mission, or each of a group (`"@scouts"`), is in
+        this step or beyond: its number from 1, or its name (`form hexagon`). FlightError when that
+        takes longer or the flight ends before; ValueError lists the steps where there is no such
+        one."""
         self.flight.wait_step(step, within_s, group=group)
 
     def wait(self, seconds: float) -> None:

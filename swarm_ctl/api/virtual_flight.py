@@ -64,8 +64,12 @@ class VirtualFlight(SwarmFlight):
             self.turn()
 
     def reached(self, step: int, agents: Collection[int] = ()) -> bool:
-        members = self.swarm.members.items()
-        live = [m for i, m in members if m.alive and not m.frozen and (i in agents or not agents)]
+        live = [
+            m
+            for i, m in self.swarm.members.items()
+            if m.alive and not m.frozen and (i in agents or not agents)
+            if m.state is None or m.state.left is None
+        ]
         return bool(live) and all(m.status is not None and m.status.step >= step for m in live)
 
     @property

@@ -33,7 +33,7 @@ from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.safety.among_zones import AmongZones
 from swarm_ctl.core.safety.fence import inside
 from swarm_ctl.core.safety.surroundings import Surroundings
-from swarm_ctl.core.swarm.gain_update import LEAD_S, limits, planned
+from swarm_ctl.core.swarm.gain_update import ASKS, LEAD_S, limits, planned
 from swarm_ctl.errors import InputError
 
 _TOLERANCE_M: Final = 0.5
@@ -65,6 +65,8 @@ class AgentNow:
     """By its newest state alone, its clock less the sender's."""
     left: bool = False
     """It has left the formation (`AgentState.left`)."""
+    ends: bool = False
+    """By an order that ends its flight: it is on its way down, or there."""
     down: bool = False
     """Its flight is over."""
     step: int | None = None
@@ -136,15 +138,19 @@ class SwarmNow:
     def meant(self, order: Order) -> tuple[int, ...]:
         """The agents that an order is for: those that it names, of a group those that have not left
         the formation; else all of the formation, and for one that ends the mission, or brings back
-        those that are away, all that have not ended. Who is expelled need not answer that."""
+        those that are away, all that have not ended. Who is expelled need not answer that. A change
+        of law or zones is for each that controls its vehicle, wherever it flies or waits."""
         ids = order.named(self.plan, self.step)
         if order.kind in ABOUT:
             spared = ids if order.kind == CommandKind.EXPEL else ()
             return tuple(a.id for a in self.agents if not a.down and a.id not in spared)
         if order.kind in _TOGETHER and not ids and len(groups := self.groups) == 1:
             ids = groups[0].ids
-        reaches = (*ENDING, CommandKind.RESUME)
-        gone = {a.id for a in self.agents if a.left and (a.down or order.kind not in reaches)}
+        gone = {a.id for a in self.agents if a.left and (a.down or order.kind not in ENDING)}
+        if order.kind in ASKS:
+            gone -= {a.id for a in self.agents if a.flies}
+        if order.kind == CommandKind.RESUME:
+            gone -= {a.id for a in self.agents if not (a.down or a.ends)}
         asked = ids or tuple(agent.id for agent in self.agents)
         return tuple(i for i in asked if i not in gone or i in order.agents) or ids
 
@@ -215,6 +221,9 @@ def build(order: Order, swarm: SwarmNow) -> Command:
         case kind if kind in ABOUT:
             return replace(command, agents=(), about=named)
         case CommandKind.NEXT:
+            if not named and any(agent.left and not agent.down for agent in swarm.agents):
+                # those that are away stay there
+                command = replace(command, agents=tuple(agent.id for agent in swarm.formation))
             return replace(command, at_step=order.at_step or swarm.step_of(named))
         case CommandKind.FORM | CommandKind.MOVE | CommandKind.FOLLOW:
             group = swarm.flown_by(order)

@@ -135,3 +135,27 @@ def test_a_scenarios_operator_orders_a_group(swarm: Fly) -> None:
     assert all(flight.statuses()[agent].phase is Phase.ENDED for agent in REST)
     with pytest.raises(InputError, match="@scout names no agents and no group"):
         scenario_of(text + happens.replace("@scouts", "@scout"))
+
+
+def test_orders_to_all_count_those_that_are_away(swarm: Fly) -> None:
+    """While one waits on the ground, one was sent elsewhere and one comes down: steps are waited
+    for without them; law and zones are changed in all of them; `next` leaves who was sent elsewhere
+    there; `resume` is not refused by who comes down, and brings the other back."""
+    holds = "".join(f"  - hold: {{duration_s: {s}}}\n" for s in (5, 200, 200))
+    text = f"{MISSION.split('  - split:')[0]}{holds}  - land: {{}}\n"
+    program = Swarm(swarm(text.replace("[-12, 9]}", "[-12, 9], waits: true}"), virtual=True))
+    program.step(3)
+    program.goto(-30.0, 30.0, 3)
+    program.wait(12.0)
+    program.land(4)
+    program.wait(0.5)
+    assert program.tune(h=0.05).meant == (1, 2, 3, 4, 5)
+    program.wait(2.5)
+    assert program.zone("add", "oak", circle=(60.0, 0.0, 3.0)).meant == (1, 2, 3, 4, 5)
+    assert program.next().meant == (1, 2)
+    program.wait(8.0)
+    assert math.dist(_centre(program, (3,)), (-30.0, 30.0)) < 1.0
+    assert program.hold().meant == (1, 2)
+    assert program.resume().meant == (1, 2, 3)
+    program.wait(15.0)
+    assert math.dist(_centre(program, (3,)), (-30.0, 30.0)) > 10.0

@@ -12,6 +12,7 @@ from swarm_ctl.commands.build import AgentNow, SwarmNow, build
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.commands.send import CommandSender, SentCommand
 from swarm_ctl.core.model.messages import (
+    ENDING,
     Ack,
     AgentState,
     AgentStatus,
@@ -261,6 +262,7 @@ def swarm_now(view: SwarmView) -> SwarmNow:
             clock_ahead_s=agent.link.clock_ahead_s,
             shows_ahead_s=_shows_ahead_s(agent, view.time_s),
             left=agent.id in left,
+            ends=agent.state is not None and agent.state.left in ENDING,
             down=agent.state.down if agent.state is not None else agent.id in left,
             step=agent.newest.step if agent.newest is not None else None,
         )
