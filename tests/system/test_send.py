@@ -60,6 +60,7 @@ def test_an_operator_commands_from_the_shell(tmp_path: Path, typed: Typed) -> No
             ),
         )
         assert send("move", "nan", "0")[0] == 2
+        assert send("land", "--agents", "")[0] == 2  # a script's empty variable is not all
         assert send("move", "6000", "0") == (
             1,
             "agents 1-3: refused: (6000, 0) m: outside the geofence",

@@ -37,16 +37,16 @@ def send(
     ] = None,
     run: RunName = None,
     agents: Annotated[
-        str,
+        str | None,
         option(
             "IDS",
             "Only these: ids, or groups of the mission, e.g. 2,5-7 or @scouts,7.  [default: all]",
             autocompletion=complete_agents,
         ),
-    ] = "",
+    ] = None,
     by: Annotated[bool, switch("--by", "move: N and E count from the formation's centre.")] = False,
     speed: Annotated[
-        float | None, option("M/S", "move: its speed.  [default: half of the limit]")
+        float | None, option("M/S", "move, goto: the speed.  [default: half of the limit]")
     ] = None,
     identity: IdentityFolder = None,
     zenoh_config: ZenohConfig = None,
@@ -109,16 +109,20 @@ def send(
     from swarm_ctl.runfolder.manifest import read_manifest
     from swarm_ctl.station.picture.summaries import command_words
 
-    for name, given in {"--by": by, "--speed": speed is not None}.items():
-        if given and command not in ("move", "goto"):
-            raise InputError(f"{name} is of move alone; allowed: {command} without it")
+    for name, given, kinds in (
+        ("--by", by, ("move",)),
+        ("--speed", speed is not None, ("move", "goto")),
+    ):
+        if given and command not in kinds:
+            of = " and ".join(kinds)
+            raise InputError(f"{name} is of {of} alone; allowed: {command} without it")
     folder, console = flying_run(run), PlainConsole()
     manifest = read_manifest(folder)
     plan = manifest.plan
     words = [command, *(arguments or [])]
     if speed is not None:
         words.append(str(speed))
-    if agents:
+    if agents is not None:
         words.append("@" + agents.replace(" ", "").replace("@", ""))
     order = parse(" ".join([*words, *(["--by"] if by else [])]), plan)
     if command == "kill" and not yes:

@@ -124,7 +124,8 @@ def command_words(command: Command) -> str:
     if command.kind == CommandKind.ZONE or (command.commits and command.tuning.zones is not None):
         zones, when = command.tuning.zones, f"from {command.tuning.at_s:.1f} s"
         names = ", ".join(printable(zone.name) for zone in zones or ()) or "none"
-        return f"zones {names} {when}" if command.commits else f"ask for zones {names}"
+        law = named(command.tuning.gains)  # the change may be one of either
+        return f"zones {names}; {law} {when}" if command.commits else f"ask for zones {names}"
     law = named(command.tuning.gains)
     return f"tune {law} from {command.tuning.at_s:.1f} s" if command.commits else f"ask for {law}"
 

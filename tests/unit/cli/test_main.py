@@ -111,7 +111,8 @@ def test_options_of_move_are_no_words_of_another_command(
 ) -> None:
     """A speed behind `land` became the agent that is meant."""
     assert called(monkeypatch, "send", "land", *option) == 2
-    assert capsys.readouterr().err.startswith(f"error: {option[0]} is of move alone; allowed: land")
+    of = "move" if option == ("--by",) else "move and goto"
+    assert capsys.readouterr().err.startswith(f"error: {option[0]} is of {of} alone; allowed: land")
 
 
 def test_an_error_is_one_message_without_control_characters(
