@@ -42,8 +42,8 @@ def test_an_order_to_one_agent_stands_after_its_end(kind: str, words: str, level
     watch = Watch(holding("ardupilot"))
     ordered_s = watch.swarm.now
     watch.swarm.command(kind, (PILOTED,))
-    watch.run(40)
-    assert watch.swarm.members[PILOTED].ended
+    watch.wait(lambda swarm: swarm.members[PILOTED].ended is not None)
+    watch.run(5)
     assert not any(line == "all well" for _, line in since(watch, ordered_s))
     standing = {(alarm.agents, alarm.words, alarm.level) for alarm in watch.journal.standing}
     assert ((PILOTED,), words, level) in standing

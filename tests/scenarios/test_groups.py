@@ -38,12 +38,12 @@ steps:
 """
 SEARCH = """\
   - form: {shape: row, slots: fixed, settle_s: 1}
-  - move: {by: [-30, 0]}
+  - move: {by: [-20, 0]}
   - land: {}
 """
 WATCH = """\
   - form: {shape: wedge, slots: fixed, settle_s: 1}
-  - hold: {duration_s: 60}
+  - hold: {duration_s: 20}
   - land: {}
 """
 

@@ -25,7 +25,7 @@ TAKEOFF, FORM, HOLD, LAND = 1, 2, 3, 4
 def hexagon() -> LoadedMission:
     """With little patience on the ground."""
     mission = low_hexagon()
-    return replace(mission, plan=replace(mission.plan, prepare_timeout_s=30.0))
+    return replace(mission, plan=replace(mission.plan, prepare_timeout_s=20.0))
 
 
 def texts(swarm: VirtualSwarm) -> str:
@@ -49,7 +49,7 @@ def test_a_vehicle_unlike_its_response_is_said_in_flight(response: str, said: st
     """By each agent, once; and nothing of it where the response fits."""
     section = f"vehicle: {{response: {{{response}, doubt_s: 0.2}}}}\n"
     swarm = VirtualSwarm(loads(low_hexagon_text() + section))
-    swarm.fly(35)
+    swarm.fly(25)
     found = [event for event in swarm.events if "its response says" in event.text]
     assert sorted(event.agent for event in found) == ([1, 2, 3, 4, 5, 6] if said else [])
     assert all(said in event.text for event in found)
@@ -112,7 +112,7 @@ def test_another_plan_does_not_arm(hexagon: LoadedMission) -> None:
     swarm = landing_fast(VirtualSwarm(hexagon))
     other = replace(hexagon.plan, kappa=19.0)
     swarm.members[4].agent = Agent(other, 4, 0.0)
-    swarm.run(20)
+    swarm.run(8)
     assert swarm.phases() == {Phase.PREPARE}
     reasons = [m.status.reason for m in swarm.members.values() if m.status]
     assert all("another plan" in reason for reason in reasons)
@@ -129,7 +129,7 @@ def test_a_vehicle_on_the_wrong_spot_does_not_arm(hexagon: LoadedMission) -> Non
     swarm._plan_hash = elsewhere.hash()
     for agent_id, member in swarm.members.items():
         member.agent = Agent(elsewhere, agent_id, 0.0)
-    swarm.run(20)
+    swarm.run(8)
     status = swarm.members[3].status
     assert status is not None
     assert "10.0 m from its planned start" in status.reason
@@ -138,7 +138,7 @@ def test_a_vehicle_on_the_wrong_spot_does_not_arm(hexagon: LoadedMission) -> Non
     last = {i: LastStatus(m.status, final=True) for i, m in swarm.members.items() if m.status}
     outcome, reason, cause = judge(RunFolder(None, None, {}, None, tuple(last), last, []), {})
     assert (outcome, cause) == (Outcome.FAILED, Cause.TIMEOUT)
-    assert "step 0 (prepare) timed out after 30 s: agent 3 not ready" in reason
+    assert "step 0 (prepare) timed out after 20 s: agent 3 not ready" in reason
     assert "not ready: the vehicle stands 10.0 m from its planned start" in reason
 
 
@@ -148,7 +148,7 @@ def test_preparation_times_out(hexagon: LoadedMission) -> None:
     swarm.kill(2)
     swarm.fly(hexagon.plan.prepare_timeout_s + 10)
     assert set(swarm.outcomes().values()) == {"failed"}
-    assert "(prepare) timed out after 30 s: not ready: agent 2 not heard" in texts(swarm)
+    assert "(prepare) timed out after 20 s: not ready: agent 2 not heard" in texts(swarm)
     assert swarm.all_down
 
 

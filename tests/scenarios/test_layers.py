@@ -33,7 +33,7 @@ shapes:
 steps:
   - takeoff: {height_m: 6}
   - form: {shape: stack, slots: fixed, settle_s: 2, timeout_s: 60}
-  - form: {shape: swapped, slots: fixed, settle_s: 2, timeout_s: 60}
+  - form: {shape: swapped, slots: fixed, settle_s: 2, timeout_s: 40}
   - form: {shape: flat, settle_s: 1}
   - land
 """
@@ -45,7 +45,7 @@ shapes:
 steps:
   - takeoff: {height_m: 6}
   - form: {shape: pile, slots: fixed, settle_s: 2}
-  - hold: {duration_s: 30}
+  - hold: {duration_s: 15}
   - form: {shape: flat, settle_s: 1}
   - land
 """
@@ -171,7 +171,7 @@ def test_a_height_that_is_off_by_3_m_counts_for_that_much_less(agent: int, down_
 @pytest.mark.parametrize("agent", [on_demand(1), 2, on_demand(3)])
 def test_one_whose_agent_dies_among_others_in_a_pile(agent: int) -> None:
     """The others hear nothing of it, make room in the plane, and go on once it has landed."""
-    swarm, _ = piled(HEAD + "policies: {agent_lost: continue}\n" + PILED)
+    swarm, _ = piled(HEAD + "policies: {agent_lost: continue}\n" + PILED.replace("s: 15", "s: 30"))
     swarm.kill(agent)
     assert_kept(*flown(swarm))
     others = {i: how for i, how in swarm.outcomes().items() if i != agent}

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import Any
 
-import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from swarm_ctl.engine.gcs.config import GcsAddress, RelayVehicle
@@ -104,8 +103,7 @@ def test_a_gcs_takes_no_failsafe_from_a_vehicle_whose_agent_then_dies() -> None:
         assert swarm.relay.refused == 1
         assert known(swarm, 0)["FS_GCS_ENABLE"] == 5
         swarm.kill(1)
-        swarm.run(40.0)
-        assert down(swarm, 0)
+        swarm.wait(lambda s: down(s, 0), swarm.now + 40.0)
 
 
 def test_a_pilot_sets_what_he_likes_once_he_has_the_vehicle() -> None:
@@ -118,22 +116,18 @@ def test_a_pilot_sets_what_he_likes_once_he_has_the_vehicle() -> None:
         assert (swarm.relay.refused, known(swarm, 0)["FS_GCS_ENABLE"]) == (0, 0)
 
 
-@pytest.mark.parametrize("agent", DANGERS)
-def test_what_another_sets_past_the_relay_is_set_again_and_the_vehicle_comes_down(
-    agent: int,
-) -> None:
+def test_what_another_sets_past_the_relay_is_set_again_and_the_vehicles_come_down() -> None:
     """On a link of the vehicle's own, and without a word on the agent's: it is read again."""
-    name, value = DANGERS[agent]
     watch = Watch(VirtualSwarm(MISSION))
-    swarm, place = watch.swarm, agent - 1
-    while not swarm.in_step(HOLD):
-        watch.tick()
-    ours = known(swarm, place)[name]
-    known(swarm, place).set(name, value)
+    swarm = watch.swarm
+    watch.wait(lambda s: s.in_step(HOLD))
+    ours = {i: known(swarm, i - 1)[name] for i, (name, _) in DANGERS.items()}
+    for agent, (name, value) in DANGERS.items():
+        known(swarm, agent - 1).set(name, value)
     watch.run(14.0)
-    assert known(swarm, place)[name] == ours
-    assert any(f"changed in flight: {name} is {value:g}" in e.text for e in swarm.events)
-    assert ("parameters", (agent,)) in watch.raised
-    swarm.kill(agent)
-    swarm.run(40.0)
-    assert down(swarm, place)
+    for agent, (name, value) in DANGERS.items():
+        assert known(swarm, agent - 1)[name] == ours[agent]
+        assert any(f"changed in flight: {name} is {value:g}" in e.text for e in swarm.events)
+        assert ("parameters", (agent,)) in watch.raised
+        swarm.kill(agent)
+    swarm.wait(lambda s: down(s, 0) and down(s, 1), swarm.now + 40.0)

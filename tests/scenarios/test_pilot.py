@@ -27,7 +27,7 @@ shapes: {{row: {{kind: line, spacing: 9}}}}
 fleet: {{agents: [{{id: 1, autopilot: {autopilot}}}, {{id: 2, autopilot: {autopilot}}}]}}
 policies: {{{policies}}}
 steps:
-  - takeoff: {{height_m: 8}}
+  - takeoff: {{height_m: 6}}
   - form: {{shape: row, settle_s: 2}}
   - hold: {{duration_s: {hold_s}}}
   - land

@@ -28,6 +28,7 @@ version: 1
 name: trouble
 origin: {lat_deg: -35.36, lon_deg: 149.16, alt_m: 584}
 lengths: metres
+tick_s: 0.1
 law: {r: 45, r_out: 9, r_in: 3}
 agents:
   - {id: 1, start: [0, 0]}
@@ -35,7 +36,7 @@ agents:
 shapes:
   row: {kind: line, spacing: 12}
 steps:
-  - takeoff: {height_m: 8}
+  - takeoff: {height_m: 5}
   - form: {shape: row, settle_s: 2}
   - hold: {duration_s: 5}
   - land
