@@ -149,6 +149,8 @@ class SwarmNow:
         gone = {a.id for a in self.agents if a.left and (a.down or order.kind not in ENDING)}
         if order.kind in ASKS:
             gone -= {a.id for a in self.agents if a.flies}
+        if order.kind == CommandKind.RETURN:  # who comes down already does no other thing
+            gone |= {a.id for a in self.agents if a.ends}
         if order.kind == CommandKind.RESUME:
             gone -= {a.id for a in self.agents if not (a.down or a.ends)}
         asked = ids or tuple(agent.id for agent in self.agents)

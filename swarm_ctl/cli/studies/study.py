@@ -176,6 +176,8 @@ def study(
         raise InputError(f"{what}: not with --row, which is one mission")
     name = file.stem if file else "study"
     out = out or Path(f"{name}-{search}.csv" if search else f"{name}.csv")
+    if out.is_dir() and out.suffix != ".parquet":
+        raise InputError(f"--out {out}: is a folder; allowed: a .csv file, or a .parquet folder")
     for path, name in ((picture, "--picture"), (mission, "--mission"), (curves, "--curves")):
         if path is not None:
             require_writable(path, f"choose with {name}")

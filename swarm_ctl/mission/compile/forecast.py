@@ -256,8 +256,11 @@ class Rehearsal:
         return ~apart_in_height(self._heights, self._plan.layer_m)
 
     def tick(self) -> None:
-        """Decide and fly one tick; one agent alone is in its shape wherever it is."""
+        """Decide and fly one tick; one agent alone is in its shape wherever it is, at its
+        height."""
         if len(self._place) == 1:
+            if self._heights:
+                self._climb(np.full((1, 1), np.inf))
             return
         unit_m, model = self._unit_m, self._model
         stops = []

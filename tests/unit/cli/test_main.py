@@ -296,3 +296,13 @@ def test_run_refuses_what_it_would_ignore(
     assert called(monkeypatch, "run", MISSION, "--runs", str(tmp_path), "--headless", *words) == 2
     assert f"error: {said}" in capsys.readouterr().err
     assert not any(tmp_path.iterdir())
+
+
+def test_rows_of_a_study_are_no_folder(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """One line before anything is flown, for one that is there and for `.`, which has no name."""
+    monkeypatch.chdir(tmp_path)
+    for folder in (".", str(tmp_path)):
+        assert called(monkeypatch, "study", "--out", folder, "--missions", "1") == 2
+        assert f"error: --out {folder}: is a folder; allowed: a .csv" in capsys.readouterr().err

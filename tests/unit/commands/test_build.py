@@ -132,11 +132,14 @@ def test_refusals_say_what_is_allowed(order: Order, swarm: SwarmNow, why: str) -
 
 def test_orders_are_for_the_formation() -> None:
     """An agent that has left it need not be heard, and takes the slot that no other wants; an order
-    to all that ends the mission is for it until its vehicle is down."""
+    to all that ends the mission is for it until its vehicle is down; none calls it back that
+    comes down by an order."""
     gone = with_agent(3, stop_point_m=None, left=True, down=True)
     assert gone.meant(Order("hold")) == (1, 2, 4, 5, 6)
     assert gone.meant(Order("land")) == (1, 2, 4, 5, 6)
     assert with_agent(3, left=True).meant(Order("land")) == (1, 2, 3, 4, 5, 6)
+    assert with_agent(3, left=True).meant(Order("return")) == (1, 2, 3, 4, 5, 6)
+    assert with_agent(3, left=True, ends=True).meant(Order("return")) == (1, 2, 4, 5, 6)
     assert gone.meant(Order("hold", (), (3,))) == (3,)
     whole, without = (build(Order("form", ("hexagon",)), s).step for s in (SWARM, gone))
     assert isinstance(whole, FormStep)

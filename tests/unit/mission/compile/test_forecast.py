@@ -119,6 +119,20 @@ MEASURED = [
 ]
 
 
+def test_one_agent_climbs_to_its_slot() -> None:
+    """Of a group of one: its step is over once it is there, not by its time-out."""
+    text = PAIR.replace("  line: {", "  high: {kind: line, spacing: 2, up_m: 6}\n  line: {")
+    alone = "  - split: {one: [form: {shape: high, settle_s: 0}]}\n  - form: {shape: line}"
+    text = text.replace("  - land", f"{alone}\n  - land").replace(
+        "shapes:", "groups: {one: [1]}\nshapes:"
+    )
+    plan = loads(text).plan
+    (group,) = (group for group in plan.groups if group.name == "one")
+    (form,) = forecast_forms(plan, group)
+    assert form.formed_s is not None
+    assert form.formed_s == pytest.approx(6 / plan.limits.climb_mps, abs=1.0)
+
+
 @pytest.mark.parametrize(("kind", "height_m", "up_s", "down_s"), MEASURED)
 def test_take_off_and_landing_last_as_long_as_on_real_autopilots(
     kind: str, height_m: int, up_s: float, down_s: float
