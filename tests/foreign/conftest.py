@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
 
-from tests.system.running import HEXAGON, Running
+from tests.scenarios.swarm import low_hexagon_text
+from tests.system.running import Running
 
 if TYPE_CHECKING:
     from tests.foreign.foxglove_client import FoxgloveClient
@@ -31,23 +32,11 @@ class Flight(NamedTuple):
     """Has watched it; None where the extra `foxglove` is not installed."""
 
 
-SHORTER = {
-    "tick_s: 0.05": "tick_s: 0.1",
-    "kappa: 20 ": "kappa: 10 ",
-    "height_m: 10": "height_m: 4",
-    "duration_s: 10": "duration_s: 3",
-}
-"""Of `hexagon.yaml`: at half the rate, for half the work."""
-
-
 @pytest.fixture(scope="session")
 def flight(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Flight]:
     """Flown once for all files, with JSON lines on stdout."""
-    cwd, client, text = tmp_path_factory.mktemp("foreign"), None, HEXAGON.read_text()
-    for long, short in SHORTER.items():
-        assert long in text
-        text = text.replace(long, short)
-    (cwd / "hexagon.yaml").write_text(text)
+    cwd, client = tmp_path_factory.mktemp("foreign"), None
+    (cwd / "hexagon.yaml").write_text(low_hexagon_text())
     fly = ["run", "hexagon.yaml", "--lockstep", "--json", "--junit", "junit.xml"]
     with ExitStack() as opened:
         if find_spec("foxglove") is None:

@@ -26,7 +26,7 @@ HOLD = FORM + 1
 @flown_once
 def attacked(step: int) -> Attacked:
     """A swarm at this step's begin; HOLD comes after FORM."""
-    flight = Attacked(mission()) if step == FORM else attacked(FORM)
+    flight = Attacked(mission(rate_hz=10)) if step == FORM else attacked(FORM)
     flight.swarm.wait(lambda s: s.in_step(step), 60)
     return flight
 
@@ -34,7 +34,7 @@ def attacked(step: int) -> Attacked:
 @flown_once
 def forming() -> VirtualFlight:
     """A flight at the form step's begin, by policy `continue`."""
-    flight = VirtualFlight(mission("continue"))
+    flight = VirtualFlight(mission("continue", rate_hz=10))
     landing_fast(flight.swarm)
     flight.wait_step(FORM)
     return flight

@@ -7,6 +7,7 @@ import os
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +15,9 @@ from typing import Any
 
 from swarm_ctl.engine.launch.ports import free_ports
 from swarm_ctl.engine.launch.sim_config import simulator_config
+from swarm_ctl.mesh import keys
+from swarm_ctl.mesh.node import Node
+from swarm_ctl.mesh.zenoh_transport import ZenohTransport
 from swarm_ctl.mission.compile.loader import LoadedMission, load
 from tests.system.running import SWARM_CTL
 
@@ -59,6 +63,14 @@ def pair_mission(folder: Path, spacing: int = 2, settle_s: int = 1) -> LoadedMis
     where = {"vehicles": vehicles, "meshes": meshes}
     path.write_text(MISSION.format(**where, spacing=spacing, settle_s=settle_s))
     return load(path)
+
+
+def listener_of(mission: LoadedMission, *channels: keys.Channel[Any]) -> Node:
+    """A member of the agents' mesh that hears these channels."""
+    meshes = [entry.mesh for entry in mission.fleet.agents if entry.mesh]
+    node = Node(ZenohTransport([], meshes, time.monotonic), mission.plan.name, "listener")
+    node.listen(*channels)
+    return node
 
 
 def simulator(

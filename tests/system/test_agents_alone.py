@@ -1,15 +1,13 @@
-"""Agents started one by one by hand, as on real hosts: no `run`, no station, no shared parent."""
+"""Agents started one by one by hand, as on real hosts: no `run`, no station, no shared parent
+(with stations: `test_judged_flight.py`)."""
 
 from __future__ import annotations
 
-import json
 import re
 import signal
-import subprocess
 import time
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -17,88 +15,21 @@ from swarm_ctl.cli.app import app
 from swarm_ctl.cli.flight.station import station
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh import keys
-from swarm_ctl.mesh.node import Node
-from swarm_ctl.mesh.zenoh_transport import ZenohTransport
-from swarm_ctl.mission.compile.loader import LoadedMission, load
-from swarm_ctl.mission.compile.plan_file import named_by_hash, plan_to_json, read_plan
+from swarm_ctl.mission.compile.loader import load
+from swarm_ctl.mission.compile.plan_file import named_by_hash, plan_to_json
 from swarm_ctl.runfolder.truth import load_truth
-from tests.system.pair import BARE, SPEEDUP, agent, agent_in_waiting, ended, pair_mission, simulator
-from tests.system.running import SWARM_CTL
+from tests.system.pair import (
+    BARE,
+    SPEEDUP,
+    agent,
+    agent_in_waiting,
+    ended,
+    listener_of,
+    pair_mission,
+    simulator,
+)
 
 pytestmark = pytest.mark.timeout(120)
-
-
-@pytest.fixture
-def mission(tmp_path: Path) -> LoadedMission:
-    return pair_mission(tmp_path)
-
-
-def listener_of(mission: LoadedMission, *channels: keys.Channel[Any]) -> Node:
-    """A member of the agents' mesh that hears these channels."""
-    meshes = [entry.mesh for entry in mission.fleet.agents if entry.mesh]
-    node = Node(ZenohTransport([], meshes, time.monotonic), mission.plan.name, "listener")
-    node.listen(*channels)
-    return node
-
-
-def test_two_agents_and_a_station_that_knows_the_mission(
-    mission: LoadedMission, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Both find each other within 2 s of the last start, fly the mission and exit 0; no `run` was
-    needed. One has the mission file, the other only its hash: it fetches the plan from the station
-    and keeps it, and addresses are options. A station without a run folder waits for them, tells
-    their time and their flight, and sees the end.
-    """
-    speedup, epoch_s = SPEEDUP, time.monotonic()
-    monkeypatch.setenv("SWARM_CTL_STATE", str(tmp_path / "state"))
-    name, fleet = named_by_hash(mission.plan, mission.fleet), mission.fleet.agents
-    own, peer = fleet[1], fleet[0]
-    addresses = [f"--endpoint={own.endpoint}", f"--mesh={own.mesh}", f"--peer={peer.mesh}"]
-    watching = subprocess.Popen(
-        [SWARM_CTL, "station", "--mission", mission.source, "--json", "--speedup", str(speedup)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    agents = [
-        agent(mission.source, 1, epoch_s, speedup),
-        agent(Path(name[: len("pair@") + 12]), 2, epoch_s, speedup, *addresses),
-    ]
-    with (
-        closing(listener_of(mission, keys.STATUS)) as listener,
-        ended([simulator(mission, epoch_s, speedup), watching, *agents]),
-    ):
-        first: dict[int, float] = {}  # when each agent's first status came
-        heard: dict[int, float] = {}  # when it first said that it hears its peer
-        while len(heard) < 2:
-            assert all(each.poll() is None for each in agents), [
-                each.communicate()[1] for each in agents
-            ]
-            for status, _ in listener.take(keys.STATUS):
-                first.setdefault(status.agent, status.time_s)
-                if all(link.received for link in status.links.values()):
-                    heard.setdefault(status.agent, status.time_s)
-            time.sleep(0.01)
-        # an agent's state is published once its vehicle's position is known, 3 s after the
-        # simulator's start
-        last_start = max(*first.values(), 3.0)
-        assert max(heard.values()) - last_start < 2.0 * speedup
-        assert [each.wait(60) for each in agents] == [0, 0]
-        assert agents[1].stderr is not None
-        assert f"agent: {name}, from a station" in agents[1].stderr.read().decode()
-        assert read_plan(tmp_path / "state" / "plans" / f"{name}.json").plan == mission.plan
-        flown = (time.monotonic() - epoch_s) * speedup
-        watching.send_signal(signal.SIGINT)
-        lines = [json.loads(line) for line in watching.communicate()[0].splitlines()]
-        assert watching.returncode == 130
-        assert lines[0]["verdict"] == "waiting for agents 1-2"
-        assert abs(lines[-1]["time_s"] - flown) < 5.0
-        assert {"takeoff", "form pair", "land"} <= {line["step_name"] for line in lines}
-        assert not {alarm["name"] for line in lines for alarm in line["alarms"]} & {
-            "other plan",
-            "silent",
-            "stranger",
-        }
 
 
 def test_an_agent_is_killed_and_started_again(
@@ -151,9 +82,9 @@ def test_an_agent_is_killed_and_started_again(
         assert min(load_truth(truth).minima.values()) > r_in_m
 
 
-def test_ctrl_c_ends_the_wait_for_a_plan(mission: LoadedMission) -> None:
+def test_ctrl_c_ends_the_wait_for_a_plan(tmp_path: Path) -> None:
     """An agent that waits has no vehicle to look after: it ends at once."""
-    at = mission.fleet.agents[0].mesh or ""
+    at = pair_mission(tmp_path).fleet.agents[0].mesh or ""
     waiting = agent(Path("pair@3fa9c1d2e4b5"), 1, time.monotonic(), 1.0, "--mesh", at)
     with ended([waiting]):
         assert waiting.stderr is not None
@@ -162,9 +93,9 @@ def test_ctrl_c_ends_the_wait_for_a_plan(mission: LoadedMission) -> None:
         assert waiting.wait(10) == 130
 
 
-def test_one_agent_lands_on_sigint(mission: LoadedMission) -> None:
+def test_one_agent_lands_on_sigint(tmp_path: Path) -> None:
     """Without its peer it waits on the ground; Ctrl-C ends it cleanly, and it says how."""
-    alone = agent(mission.source, 1, time.monotonic(), 10.0)
+    alone = agent(pair_mission(tmp_path).source, 1, time.monotonic(), 10.0)
     with ended([alone]):
         assert alone.stderr is not None
         assert alone.stderr.readline() == b"agent: ready\n"

@@ -97,11 +97,11 @@ def test_the_same_flight_beside_a_busy_loop(tmp_path: Path) -> None:
     mission = tmp_path / "faults.yaml"
     lower = LOW.read_text().replace("height_m: 4", "height_m: 2").replace("_s: 5}", "_s: 1}")
     mission.write_text(lower + FAULTS)
-    with (
-        busy(1),
-        Running("run", mission, *MAX, "--seed", "7", "--junit", "j.xml", cwd=tmp_path) as running,
-    ):
-        assert running.wait(120) == 0, running.output
+    more = ("--seed", "7", "--junit", "j.xml")
+    with Running("run", mission, *MAX, *more, cwd=tmp_path) as running:
+        running.wait_for(lambda: "starting" in running.output)
+        with busy(1):
+            assert running.wait(120) == 0, running.output
         running.assert_nothing_left()
     assert 'failures="0"' in (tmp_path / "j.xml").read_text()
     truth = left_by(running, "truth.jsonl")
