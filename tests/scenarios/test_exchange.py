@@ -81,7 +81,7 @@ def test_an_operators_shape_knows_no_roles() -> None:
     swarm.wait(lambda s: sorted(roles(s)) != roles(s))
     row = FormStep("row", ((0.0, 0.0), (9.0, 9.0), (0.0, 18.0), (9.0, 27.0)), 0.5, 2.0, 1e9)
     swarm.command("form", step=row, plan_hash=swarm.plan.hash())
-    swarm.run(30)
+    swarm.run(16)
     at = swarm.positions()
     assert at[1][1] < at[2][1] < at[3][1] < at[4][1]
     swarm.command("resume", name="c2")

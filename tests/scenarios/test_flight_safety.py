@@ -15,7 +15,7 @@ from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_sim.firmware.protocol import telemetry
 from tests.on_demand import on_demand
 from tests.scenarios.swarm import VirtualSwarm, at_step, landing_fast
-from tests.scenarios.test_steps import FORM, THIRD, quartet
+from tests.scenarios.test_steps import FORM, THIRD, quartet, trio
 
 ACTIONS = [Policy.LAND, Policy.RETURN, Policy.HOLD, Policy.CONTINUE]
 OTHERS = (Policy.RETURN, Policy.LAND, Policy.CONTINUE)
@@ -31,7 +31,7 @@ PHASES = {
 def mission(
     policies: str, *, head: str = "", steps: tuple[str, ...] = ("hold: {duration_s: 12}", "land")
 ) -> LoadedMission:
-    return quartet(*steps, head=f"policies: {{{policies}}}\n{head}")
+    return trio(*steps, head=f"policies: {{{policies}}}\n{head}")
 
 
 def reasons(swarm: VirtualSwarm) -> str:

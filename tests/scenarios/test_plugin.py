@@ -21,11 +21,10 @@ from swarm_ctl.api.process_flight import ProcessFlight, _lives
 from swarm_ctl.mission.compile.loader import loads
 from swarm_ctl.testing.account import account
 from swarm_ctl.testing.plugin import Fly
-from tests.scenarios.test_steps import TEXT
+from tests.scenarios import test_steps
 from tests.unit.report.run_folders import PLAN, write_run
 
-FOURTH = "  - {id: 4, start: [0, 27]}\n"
-TRIO = TEXT.replace(FOURTH, "") + "  - hold: {duration_s: 20}\n  - land\n"
+TRIO = test_steps.TRIO + "  - hold: {duration_s: 20}\n  - land\n"
 
 
 def flown_by_a_user(flight: SwarmFlight) -> None:

@@ -19,25 +19,26 @@ from tests.scenarios.swarm import VirtualSwarm, assert_arrives, at_step, landing
 from tests.scenarios.test_steps import (
     FORM,
     TAKEOFF,
-    TEXT,
     THIRD,
+    TRIO,
     assert_good,
     quartet,
     shape_error_m,
+    trio,
 )
 from tests.unit.plans import steps_of
 
 GONE_S = 1.5
 """From the kill to the new process: Python starts in half a second."""
-TALL = TEXT.replace("height_m: 4}", "height_m: 8}")
+TALL = TRIO.replace("height_m: 4}", "height_m: 8}")
 """High enough to be gone, and back, on the way up."""
 MISSIONS = {
     "takeoff": (TAKEOFF, 3.0, loads(TALL + "  - hold: {duration_s: 5}\n  - land\n")),
-    "form": (FORM, 2.0, quartet("hold: {duration_s: 5}", "land")),
-    "hold": (THIRD, 5.0, quartet("hold: {duration_s: 20}", "land")),
-    "move": (THIRD, 4.0, quartet("move: {to: [30, 13], speed_mps: 2}", "land")),
-    "rotate": (THIRD, 6.0, quartet("rotate: {angle_deg: 90}", "hold: {duration_s: 5}", "land")),
-    "land": (THIRD, 1.0, quartet("land")),
+    "form": (FORM, 2.0, trio("hold: {duration_s: 5}", "land")),
+    "hold": (THIRD, 5.0, trio("hold: {duration_s: 20}", "land")),
+    "move": (THIRD, 4.0, trio("move: {to: [30, 13], speed_mps: 2}", "land")),
+    "rotate": (THIRD, 6.0, trio("rotate: {angle_deg: 90}", "hold: {duration_s: 5}", "land")),
+    "land": (THIRD, 1.0, trio("land")),
 }
 
 
@@ -121,7 +122,7 @@ def test_comes_too_late() -> None:
     swarm.restart(3)
     swarm.fly(900)
     assert set(swarm.outcomes().values()) == {"failed"}
-    assert len(swarm.outcomes()) == 4
+    assert len(swarm.outcomes()) == 3
     assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
     assert swarm.all_down
 
@@ -129,7 +130,7 @@ def test_comes_too_late() -> None:
 def test_one_that_ended_before_is_waited_for_by_none_that_starts_again() -> None:
     """It was never heard by the new process: the others, which have heard it land, go on, and so
     does that one."""
-    swarm = at_step(quartet("hold: {duration_s: 25}", "form: {shape: row}", "land"), THIRD)
+    swarm = at_step(trio("hold: {duration_s: 25}", "form: {shape: row}", "land"), THIRD)
     swarm.command("land", (1,))
     swarm.wait(lambda s: 1 in s.outcomes())
     swarm.run(4.0)
@@ -137,7 +138,7 @@ def test_one_that_ended_before_is_waited_for_by_none_that_starts_again() -> None
     swarm.run(GONE_S)
     swarm.restart(2)
     swarm.fly(900)
-    assert {swarm.outcomes()[agent] for agent in (2, 3, 4)} == {"completed"}
+    assert {swarm.outcomes()[agent] for agent in (2, 3)} == {"completed"}
     assert swarm.all_down
 
 
@@ -175,7 +176,7 @@ def test_no_other_agent_flies() -> None:
     """Without a peer in the air there is no proof that the vehicle is ours: left to its failsafe,
     which lands it."""
     swarm = killed(*_row("hold"), 3)
-    for agent in (1, 2, 4):
+    for agent in (1, 2):
         swarm.kill(agent)
     swarm.station_alive = False
     swarm.run(GONE_S)
@@ -191,7 +192,7 @@ def test_no_other_agent_flies() -> None:
 def test_an_operators_land_is_proof_enough() -> None:
     """Nobody else is heard; the operator has said whose this vehicle is, and it is landed."""
     swarm = killed(*_row("hold"), 3)
-    for agent in (1, 2, 4):
+    for agent in (1, 2):
         swarm.kill(agent)
     swarm.run(GONE_S)
     swarm.restart(3)
@@ -311,7 +312,7 @@ def test_an_operators_kill_counts_for_any_vehicle() -> None:
 def test_one_that_finds_its_vehicle_landed_never_takes_off(step: int) -> None:
     """Killed in the hold, or in the landing, and started again once its vehicle is down: it does
     not arm, and ends."""
-    mission = quartet(f"hold: {{duration_s: {60 if step == THIRD else 1}}}", "land")
+    mission = trio(f"hold: {{duration_s: {60 if step == THIRD else 1}}}", "land")
     policies = replace(mission.plan.policies, agent_lost=Policy.CONTINUE)
     mission = replace(mission, plan=replace(mission.plan, policies=policies))
     swarm = at_step(mission, step)
@@ -399,7 +400,7 @@ def test_a_climb_that_a_hold_has_stopped_goes_on(autopilot: str) -> None:
     """An agent is away as the others climb: they hold, below their height, until it is back. Those
     that went on were taken for fallen out of height; an ArduCopter takes no second take-off in the
     air, and hung there until the step's time was over."""
-    mission = quartet("land", height_m=16)
+    mission = trio("land", height_m=16)
     agents = tuple(replace(a, autopilot=autopilot) for a in mission.fleet.agents)
     policies = replace(mission.plan.policies, agent_lost=Policy.HOLD, agent_lost_after_s=8.0)
     plan = replace(mission.plan, policies=policies)
@@ -409,7 +410,7 @@ def test_a_climb_that_a_hold_has_stopped_goes_on(autopilot: str) -> None:
     swarm.wait(lambda s: Phase.HOLD in s.phases())
     swarm.run(8.0)
     assert not swarm.hub.world.armed()[1]
-    heights = [-swarm.hub.world.positions()[place][2] for place in (0, 2, 3)]
+    heights = [-swarm.hub.world.positions()[place][2] for place in (0, 2)]
     assert 1.0 < min(heights) < 12.0
     swarm.restart(2)
     swarm.wait(lambda s: s.in_step(FORM), swarm.now + 40.0)

@@ -80,7 +80,7 @@ def test_starts_closer_than_the_filter_s_distance_are_all_come_home_to() -> None
 def test_five_in_a_row_are_home_in_a_minute() -> None:
     """One by one it took 118 s."""
     starts = [(0.0, 3.0 * k) for k in range(5)]
-    flown_home(mission(starts, [*TAKE_OFF, "move: {by: [8, 0]}", "return"]), 1, 60.0)
+    flown_home(mission(starts, [*TAKE_OFF, "move: {by: [5, 0]}", "return"]), 1, 60.0)
 
 
 def drawn(seed: int) -> str:

@@ -46,7 +46,7 @@ MEET = """\
         - move: {by: [15, 0], speed_mps: 4, settle_s: 1}
       east:
         - move: {by: [0, 12], speed_mps: 4, settle_s: 1}
-        - hold: {duration_s: 12}
+        - hold: {duration_s: 6}
         - barrier: {name: ridge}
   - form: {shape: row, settle_s: 1}
   - land
@@ -105,14 +105,14 @@ def status_role(swarm: VirtualSwarm, agent: int) -> int:
 def test_a_group_goes_on_when_the_time_of_its_barrier_is_over() -> None:
     """It says without whom, tells the step as timed out, and flies its next one alone; at the end
     of the split it waits for the others, and the mission is completed."""
-    late = MEET.replace("{name: ridge}", "{name: ridge, timeout_s: 15, on_timeout: continue}", 1)
-    swarm = at_step(parted(late.replace("duration_s: 12", "duration_s: 45")), SPLIT)
+    late = MEET.replace("{name: ridge}", "{name: ridge, timeout_s: 8, on_timeout: continue}", 1)
+    swarm = at_step(parted(late.replace("duration_s: 6", "duration_s: 30")), SPLIT)
     assert_arrives(swarm)
     for agent in WEST:
         waited = status(swarm, agent).steps[5]
         assert waited.result is StepOutcome.TIMEOUT
-        assert waited.end_s == pytest.approx(waited.start_s + 15.0, abs=0.2)
-        assert began_s(swarm, agent, 6) == waited.end_s < began_s(swarm, EAST[0], 5) - 20.0
+        assert waited.end_s == pytest.approx(waited.start_s + 8.0, abs=0.2)
+        assert began_s(swarm, agent, 6) == waited.end_s < began_s(swarm, EAST[0], 5) - 5.0
     told = {(e.agent, e.text) for e in swarm.events if "time is over" in e.text}
     assert told == {
         (i, "barrier ridge: its time is over, goes on without agents 2, 4") for i in WEST
@@ -203,7 +203,7 @@ def test_an_order_to_one_group_holds_that_group_alone() -> None:
     swarm.command("hold", WEST)
     swarm.wait(lambda s: name(s, 2) == "barrier ridge")
     assert {name(swarm, i) for i in WEST} == {"form row"}
-    swarm.run(5.0)
+    swarm.run(2.0)
     assert {name(swarm, i) for i in EAST} == {"barrier ridge"}
     swarm.command("resume", WEST, name="c2")
     assert_arrives(swarm)
