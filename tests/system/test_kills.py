@@ -58,8 +58,11 @@ ROWS = [row(process, deed, phase) for process in PROCESSES for deed in DEEDS for
 @pytest.mark.parametrize(("process", "deed", "phase"), ROWS)
 def test_whatever_is_killed(tmp_path: Path, process: str, deed: str, phase: str) -> None:
     """It is survived, or the flight ends in order; see the module."""
-    mission = tmp_path / "kills.yaml"
-    mission.write_text(MISSION.read_text() if deed != "restart" else patient(MISSION.read_text()))
+    mission, text = tmp_path / "kills.yaml", MISSION.read_text()
+    if (process, deed, phase) in IN_CI:  # no other phase has to last
+        text = text.replace("height_m: 4", "height_m: 2").replace("fixed}", "fixed, settle_s: 2}")
+        text = text.replace("duration_s: 5", "duration_s: 1")
+    mission.write_text(text if deed != "restart" else patient(text))
     with Running(
         "run", mission, "--speedup", str(SPEEDUP), "--headless", "--no-report", cwd=tmp_path
     ) as running:

@@ -17,9 +17,8 @@ from swarm_ctl.core.model.messages import Phase
 from swarm_ctl.engine.vehicle_memory import VehicleMemory
 from swarm_ctl.mesh import keys
 from swarm_ctl.mission.compile.loader import LoadedMission
-from tests.system.pair import agent, ended, pair_mission, simulator
+from tests.system.pair import agent, ended, listener_of, pair_mission, simulator
 from tests.system.running import SWARM_CTL
-from tests.system.test_agents_alone import listener_of
 
 pytestmark = pytest.mark.timeout(240)
 
@@ -74,7 +73,7 @@ def test_killed_agents_vehicles_get_their_own_values_back(
     monkeypatch.setenv("SWARM_CTL_STATE", str(tmp_path / "state"))
     memory = VehicleMemory(tmp_path / "state")
     # Each vehicle lands close to its start, so that the next flight may begin there.
-    mission, epoch_s = pair_mission(tmp_path, spacing=3), time.monotonic()
+    mission, epoch_s = pair_mission(tmp_path, 3, 5), time.monotonic()
     second = tmp_path / "second.yaml"
     endpoint = mission.fleet.agent(2).endpoint
     second.write_text(f'agents: [{{id: 2, endpoint: "{endpoint}", autopilot: px4}}]')

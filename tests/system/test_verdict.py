@@ -20,10 +20,12 @@ pytestmark = pytest.mark.timeout(180)
 
 
 @contextmanager
-def flight(where: Path, speedup: float) -> Iterator[tuple[Running, LoadedMission]]:
+def flight(
+    where: Path, speedup: float, settle_s: int = 1
+) -> Iterator[tuple[Running, LoadedMission]]:
     """Two vehicles that stand there already, as real ones do, and `run`, which is told their
     endpoints."""
-    mission = pair_mission(where)
+    mission = pair_mission(where, settle_s=settle_s)
     command = ("run", mission.source, "--speedup", str(speedup), "--headless")
     with (
         ended([simulator(mission, time.monotonic(), speedup)]),
@@ -58,7 +60,7 @@ def test_a_takeover_completes(tmp_path: Path) -> None:
     complete, and so does the run. Its vehicle's own failsafe waits for 5 s only, so the process has
     its imports done before, and the clock is slow."""
     plan, speedup = tmp_path / "plan.json", 0.5
-    with flight(tmp_path, speedup) as (running, mission):
+    with flight(tmp_path, speedup, settle_s=5) as (running, mission):
         plan.write_text(plan_to_json(mission.plan, mission.fleet))
         running.wait_for(lambda: bool(list(tmp_path.glob("runs/*/processes.json"))))
         epoch_s = json.loads((running.folder / "run.json").read_text())["epoch_s"]
