@@ -15,7 +15,7 @@ from swarm_ctl.mesh.memory_transport import MemoryTransport
 from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.transport import Inlet, Transport
 from tests.scenarios.swap import FORM, IDS, ahead, mission
-from tests.scenarios.swarm import VirtualSwarm, landing_fast
+from tests.scenarios.swarm import VirtualSwarm, assert_arrives, landing_fast
 from tests.scenarios.test_steps import assert_good
 
 CLOCKS = {1: ahead(3600.0, 1e-4), 2: ahead(-0.3), 3: ahead(5.0, -1e-4), 4: ahead(0.2)}
@@ -88,7 +88,8 @@ def test_no_agent_flies_with_one_that_hears_no_peer(clocks: Clocks, why: str) ->
 
 def test_agents_of_one_clock_say_no_clock_words() -> None:
     """They know each other's clocks exactly from the first state on. An agent that was started
-    again by hand, with a clock of its own, asks and is answered."""
+    again by hand, with a clock of its own that is behind, is heard, asks and is answered, and flies
+    with the others again."""
     swarm = VirtualSwarm(mission("continue", rate_hz=10))
     listener = Node(MemoryTransport(swarm.mesh), "test", "listener")
     listener.listen(keys.CLOCK)
@@ -104,6 +105,8 @@ def test_agents_of_one_clock_say_no_clock_words() -> None:
     for i, j, ahead_s in ((1, 3, -began_s), (3, 1, began_s), (1, 2, 0.0)):
         known = peer(swarm, i, j).report(swarm.members[i].clock(swarm.now)).clock_ahead_s
         assert known == pytest.approx(ahead_s, abs=0.03)
+    swarm.wait(lambda s: any("rejoins at step 2" in event.text for event in s.events), 60)
+    assert_arrives(swarm)
 
 
 def test_news_that_is_late_one_way_is_seen_as_late() -> None:

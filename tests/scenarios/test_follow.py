@@ -165,29 +165,28 @@ def circle(seconds: float) -> tuple[complex, complex]:
 
 
 @pytest.mark.parametrize(
-    ("at", "most_m", "late_s", "lost"),
+    ("at", "most_m", "late_s", "lost", "every_s"),
     [
-        (circle, 1.0, 0.3, 0.2),
-        on_demand(straight, 0.6, 0.0, 0.0),
-        on_demand(straight, 0.6, 0.3, 0.2),
-        on_demand(circle, 1.0, 0.0, 0.0),
+        (circle, 1.0, 0.3, 0.2, EVERY_S),
+        (straight, 0.8, 0.3, 0.0, 1.0),
+        on_demand(straight, 0.6, 0.0, 0.0, EVERY_S),
+        on_demand(straight, 0.6, 0.3, 0.2, EVERY_S),
+        on_demand(circle, 1.0, 0.0, 0.0, EVERY_S),
     ],
 )
 def test_the_formation_is_where_its_target_is(
-    at: Callable[[float], tuple[complex, complex]], most_m: float, late_s: float, lost: float
+    at: Callable[[float], tuple[complex, complex]],
+    most_m: float,
+    late_s: float,
+    lost: float,
+    every_s: float,
 ) -> None:
-    """Also where the news is late, and some of it lost."""
+    """Also where the news is late, and some of it lost, or said once a second: the formation does
+    not brake before each word."""
     boat = Boat(at)
-    boat.fly(30.0, late_s=late_s, lost=lost)
+    boat.fly(30.0, late_s=late_s, lost=lost, every_s=every_s)
     assert boat.rms_m < most_m
     assert boat.swarm.closest_m > 2.5
-
-
-def test_a_receiver_that_speaks_once_a_second_is_followed() -> None:
-    """The formation does not brake before each word."""
-    boat = Boat(straight)
-    boat.fly(30.0, every_s=1.0, late_s=0.3)
-    assert boat.rms_m < 0.8
 
 
 def test_a_receiver_that_tells_no_speed_is_followed_by_its_places() -> None:

@@ -288,16 +288,6 @@ def test_an_operators_hold_outlives_the_agent() -> None:
     assert_arrives(swarm)
 
 
-def test_a_clock_that_begins_anew() -> None:
-    """Between hosts each process has a clock of its own: peers hear the new one although its time
-    is smaller."""
-    swarm = killed(*_row("hold"), 3)
-    swarm.run(GONE_S)
-    began_s = swarm.now
-    swarm.restart(3, clock=lambda now: now - began_s)
-    assert_arrives(swarm)
-
-
 def test_an_operators_kill_counts_for_any_vehicle() -> None:
     """Confirmed by hand, it is carried out although nothing is decided about the vehicle yet."""
     swarm = restarted(*_row("hold"), 3)

@@ -140,6 +140,7 @@ def test_the_ready_mission_through_a_wood() -> None:
     rate, to the ground, twenty seeds with real processes: `tests/system/test_lockstep.py`, on
     demand."""
     least, swarm = in_the_gate()
+    assert [step.file is not None for step in steps_of(swarm.plan)[2:4]] == [True, False]
     go_on(swarm, least, lands=True)
     kept = {zone.name: zone.clearance_m for zone in swarm.plan.zones}
     del kept["hut"]  # flown over
@@ -236,21 +237,6 @@ def test_a_step_that_a_zone_holds_up_ends_and_names_it() -> None:
     reasons = {member.ended.reason for member in swarm.members.values() if member.ended}
     assert any("timed out" in reason and "kept off zone wall" in reason for reason in reasons)
     assert max(place[0] for place in swarm.positions().values()) < 40.0
-
-
-GATE = """\
-fence: {polygon: [[-8, -14], [30, -14], [30, 18], [-8, 18]], height_m: 40}
-zones:
-  hedge-west: {polygon: [[8, -13], [9, -13], [9, 0.2], [8, 0.2]]}
-  hedge-east: {polygon: [[8, 1.8], [9, 1.8], [9, 17], [8, 17]]}
-"""
-
-
-def test_a_formation_goes_in_file_through_a_gate() -> None:
-    """Four through a gate of 8 m."""
-    mission = loads(HEAD + GATE + STEPS.replace("[24, 1]", "[15, 1]"))
-    assert steps_of(mission.plan)[2].file is not None
-    assert_clear(mission, 1)
 
 
 def ordered(swarm: VirtualSwarm, line: str) -> None:
