@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import re
+import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -57,33 +59,34 @@ def said() -> list[Payload]:
 
 
 @pytest.fixture(scope="module")
-def reported(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A whole run with a recording."""
+    folder = write_run(tmp_path_factory.mktemp("recorded"))
+    recorder = McapRecorder(folder, 0, {})
+    for payload in said():
+        recorder.take(payload, getattr(payload, "time_s", 0.0))
+    recorder.close()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def reported(recorded: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The run with its report made."""
-    folder = _record(tmp_path_factory.mktemp("made") / "run")
+    folder = shutil.copytree(recorded, tmp_path_factory.mktemp("made") / "run")
     make_report(folder)
     return folder
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Path:
-    """A whole run with a recording."""
-    return _record(tmp_path / "run")
+def run(recorded: Path, tmp_path: Path) -> Path:
+    """The run for a test that changes it."""
+    return shutil.copytree(recorded, tmp_path / "run")
 
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Which figures are drawn, without drawing them."""
     draw_nothing(monkeypatch)
-
-
-def _record(folder: Path) -> Path:
-    folder.mkdir()
-    write_run(folder)
-    recorder = McapRecorder(folder, 0, {})
-    for payload in said():
-        recorder.take(payload, getattr(payload, "time_s", 0.0))
-    recorder.close()
-    return folder
 
 
 class Outside(HTMLParser):
@@ -142,10 +145,12 @@ def test_a_report_begins_with_the_verdict(reported: Path) -> None:
 
 
 @pytest.mark.usefixtures("quick")
-def test_what_is_empty_is_not_on_the_page(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_empty_is_not_on_the_page(
+    run: Path, reported: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """No heading without alarms and notes, no panel of what was 0 throughout, no figure that is
     not known."""
-    assert "Alarms and notes" in make_report(run).read_text()
+    assert "Alarms and notes" in (reported / PAGE).read_text()
     monkeypatch.setattr("swarm_ctl.report.page.html_page._log", lambda *_: [])
     page = make_report(run).read_text()
     assert "Alarms and notes" not in page
@@ -258,16 +263,20 @@ def test_compare_needs_two_and_shows_both(run: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("quick")
-@pytest.mark.parametrize("part", ["_log", "player"])
-def test_a_part_that_cannot_be_drawn_costs_that_part(
-    run: Path, part: str, monkeypatch: pytest.MonkeyPatch
+def test_parts_that_cannot_be_drawn_cost_those_parts(
+    run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The page has all others, and says why."""
+    """The page has all others, and says why of each."""
 
-    def fail(*_: object) -> None:
-        raise IndexError("tuple index out of range")
+    def broken(part: str) -> Callable[..., None]:
+        def fail(*_: object) -> None:
+            raise IndexError(f"{part} out of range")
 
-    monkeypatch.setattr(f"swarm_ctl.report.page.html_page.{part}", fail)
+        return fail
+
+    for part in ("_log", "player"):
+        monkeypatch.setattr(f"swarm_ctl.report.page.html_page.{part}", broken(part))
     page = make_report(run).read_text()
-    assert "can&#x27;t be drawn: IndexError: tuple index out of range" in page
+    for part in ("_log", "player"):
+        assert f"can&#x27;t be drawn: IndexError: {part} out of range" in page
     assert "data:image/png" in page
