@@ -181,17 +181,13 @@ def test_every_rule_has_a_case() -> None:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_cause_raises_its_alarm(name: str) -> None:
+def test_a_cause_raises_its_alarm_alone(name: str) -> None:
     cause, agents = CASES[name]
-    found = [alarm for alarm in alarms(cause()) if alarm.name == name]
-    assert found
-    assert found[0].agents == agents
-    assert found[0].text.startswith(agents_named(agents))
-
-
-@pytest.mark.parametrize("name", [name for name in CASES if name not in ("never heard", "silent")])
-def test_a_cause_raises_no_other_alarm(name: str) -> None:
-    assert {alarm.name for alarm in alarms(CASES[name][0]())} == {name}
+    found = alarms(cause())
+    first = next(alarm for alarm in found if alarm.name == name)
+    assert first.agents == agents
+    assert first.text.startswith(agents_named(agents))
+    assert name in ("never heard", "silent") or {alarm.name for alarm in found} == {name}
 
 
 def test_all_is_well_when_all_is_well() -> None:

@@ -157,7 +157,7 @@ def test_the_log_is_in_the_order_of_the_times_that_it_shows() -> None:
 
 def test_a_flood_of_events_is_bounded_and_said() -> None:
     model, journal = flying_model(PLAN), Journal()
-    for k in range(5000):
+    for k in range(2000):
         model.fold(Event(1, 30.0, "info", f"event {k}"), 30.0)
         if k % 100 == 99:
             journal.update(model.view(30.0))

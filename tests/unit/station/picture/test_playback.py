@@ -3,6 +3,7 @@ live station."""
 
 from __future__ import annotations
 
+from collections import deque
 from functools import cache
 
 import pytest
@@ -37,12 +38,13 @@ def whole() -> Film:
 def test_a_film_tells_what_the_live_station_told() -> None:
     """Every line of the log and every alarm of the last view, from a model and a journal fed by
     hand."""
-    model, journal, messages = Model(PLAN, since_s=START_S), Journal(), said()
+    model, journal, messages = Model(PLAN, since_s=START_S), Journal(), deque(said())
+    first_s = messages[0][0]
     for look in range(int((END_S - START_S) / LOOK_S) + 2):
-        now_s = messages[0][0] + look * LOOK_S
-        for heard_s, payload in messages:
-            if now_s - LOOK_S < heard_s <= now_s:
-                model.fold(payload, heard_s)
+        now_s = first_s + look * LOOK_S
+        while messages and messages[0][0] <= now_s:
+            heard_s, payload = messages.popleft()
+            model.fold(payload, heard_s)
         journal.update(model.view(now_s))
         if look == 100:
             made = film()
