@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,16 @@ import numpy as np
 from swarm_ctl.core.model.arrays import Complex, Floats
 from swarm_ctl.study.batch import flight
 from swarm_ctl.study.batch.batch import Batch
-from swarm_ctl.study.batch.batch_flight import MissionsFlight
+from swarm_ctl.study.batch.batch_flight import BatchResult, MissionsFlight
 from swarm_ctl.study.batch.compiled import compiled
 from swarm_ctl.study.batch.missions import DRAWN, setup_of
+
+
+def held_alike(one: BatchResult, other: BatchResult, atol: float) -> None:
+    """All figures of two flights of the same missions."""
+    for field in fields(BatchResult):
+        ours, theirs = getattr(one, field.name), getattr(other, field.name)
+        assert np.allclose(ours, theirs, rtol=0.0, atol=atol, equal_nan=True), field.name
 
 
 class Flown:

@@ -5,18 +5,17 @@ from __future__ import annotations
 
 import ast
 import inspect
-from dataclasses import fields
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import numpy as np
 import pytest
 
 from swarm_ctl.study.batch import batch_flight, compiled, flight
 from swarm_ctl.study.batch.batch import Batch, blocks, draw
-from swarm_ctl.study.batch.batch_flight import BatchResult, fly
+from swarm_ctl.study.batch.batch_flight import fly
 from swarm_ctl.study.parameter_space import Study
+from tests.unit.study.flown import held_alike
 
 LATE: dict[str, Any] = {
     "missions": 3,
@@ -51,10 +50,7 @@ def test_interpreted_and_compiled_missions_are_the_same(
     batch = missions(**settings)
     whole = fly(batch)
     monkeypatch.setattr(batch_flight, "compiled", lambda _: flight.fly)
-    interpreted = fly(batch)
-    for field in fields(BatchResult):
-        ours, theirs = getattr(whole, field.name), getattr(interpreted, field.name)
-        assert np.allclose(ours, theirs, rtol=0.0, atol=1e-9, equal_nan=True), field.name
+    held_alike(whole, fly(batch), 1e-9)
 
 
 def test_all_that_compiled_functions_take_from_elsewhere_is_in_the_key_of_the_cache() -> None:

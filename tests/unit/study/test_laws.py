@@ -6,7 +6,6 @@ from __future__ import annotations
 import io
 import itertools
 import math
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,7 @@ from swarm_ctl.study.batch.compiled import law_compiled
 from swarm_ctl.study.law_check import checked
 from swarm_ctl.study.league import draw_league, fly_league, laws_of, ranked, studies_of, table
 from swarm_ctl.study.parameter_space import Study
+from tests.unit.study.flown import held_alike
 
 LAWS = ("potential_field", "leader", "vasarhelyi", "orca", "noise", "hostile")
 
@@ -154,9 +154,8 @@ def test_compiled_called_and_interpreted_a_law_flies_the_same(
         patch.setattr(compiled, "available", lambda: False)
         patch.setattr(compiled, "_whole", lambda: None)
         without = studied(name, **drawn, **short)
-    for other, field in itertools.product((called, interpreted, without), fields(BatchResult)):
-        ours, theirs = getattr(whole, field.name), getattr(other, field.name)
-        assert np.allclose(ours, theirs, rtol=0.0, atol=1e-6, equal_nan=True), field.name
+    for other in (called, interpreted, without):
+        held_alike(whole, other, 1e-6)
 
 
 # --- law check ---

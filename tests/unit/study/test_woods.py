@@ -3,7 +3,6 @@ no trunk entered, and the truth told where one is."""
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -13,11 +12,12 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.mission.compile.loader import loads
 from swarm_ctl.study.batch import batch_flight, flight
 from swarm_ctl.study.batch.batch import Batch, blocks, draw
-from swarm_ctl.study.batch.batch_flight import BatchResult, fly
+from swarm_ctl.study.batch.batch_flight import fly
 from swarm_ctl.study.executor import batch_of_row
 from swarm_ctl.study.parameter_space import Study
 from swarm_ctl.study.rerun import Rerun, Trace, write_mission
 from swarm_ctl.study.rows import rows_of
+from tests.unit.study.flown import held_alike
 
 
 def woods(**settings: Any) -> Batch:
@@ -88,10 +88,7 @@ def test_interpreted_and_compiled_woods_are_the_same(monkeypatch: pytest.MonkeyP
     batch = woods(n=3, missions=2, limit_s=12.0, delay_s="0:0.2", silent=0.5, start_spacing=1.5)
     whole = fly(batch)
     monkeypatch.setattr(batch_flight, "compiled", lambda _: flight.fly)
-    interpreted = fly(batch)
-    for field in fields(BatchResult):
-        ours, theirs = getattr(whole, field.name), getattr(interpreted, field.name)
-        assert np.allclose(ours, theirs, rtol=0.0, atol=1e-9, equal_nan=True), field.name
+    held_alike(whole, fly(batch), 1e-9)
 
 
 def test_a_wood_without_room_is_refused() -> None:

@@ -30,7 +30,7 @@ from swarm_ctl.station.dashboard.drawing.picture import Picture
 from swarm_ctl.station.picture.alarms import RULES, Level, alarms
 from swarm_ctl.station.picture.model import Model
 from swarm_ctl.station.picture.summaries import gather_alarms, verdict
-from swarm_ctl.station.picture.view import FollowView, SwarmView, TargetView
+from swarm_ctl.station.picture.view import FollowView, LinkView, SwarmView, TargetView
 from tests.unit.plans import steps_of, with_group
 from tests.unit.station.swarm import flying_model, hexagon_plan, report_of, state_of, status_of
 
@@ -347,6 +347,18 @@ def test_a_graph_that_a_step_chose_has_its_links_measured_after_that_step() -> N
     view = model.view(30.0)
     assert {(e.a, e.b) for e in view.edges} == {(1, 2), (1, 3), (3, 4), (4, 5), (5, 6), (2, 6)}
     assert {alarm.name for alarm in alarms(view)} == {"long link"}
+
+
+def test_a_link_of_one_that_has_ended_or_is_lost_may_be_old() -> None:
+    old = LinkReport(4.0, 0.05, 1.0, 100, 3)
+    model = flying_model(PLAN, 30.0)
+    ended = {"phase": Phase.ENDED, "outcome": Outcome.COMPLETED, "airborne": False}
+    model.fold(state_of(PLAN, 5, 30.0, 1200, phase=Phase.ENDED, airborne=False), 30.0)
+    model.fold(status_of(PLAN, 5, 30.0, **ended), 30.0)
+    model.fold(status_of(PLAN, 4, 30.0, links={5: old}), 30.0)
+    assert alarms(model.view(30.0)) == ()
+    lost = replace(_silence(3.1), links=(LinkView(5, 4, old),))
+    assert "old link" not in {alarm.name for alarm in alarms(lost)}
 
 
 def test_in_file_links_are_as_long_as_the_file() -> None:
