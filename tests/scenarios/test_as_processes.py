@@ -16,6 +16,7 @@ from swarm_ctl.virtual.as_processes import run_script
 from swarm_ctl.virtual.scenario import Scenario, load_scenario, scenario_of
 from swarm_ctl.virtual.scenario_file import is_scenario
 from swarm_ctl.virtual.scenario_flight import FlownScenario, fly_scenario
+from tests.system.pair import BARE
 from tests.system.running import LOW, Running
 
 HEAD = f"version: 1\nname: both\nmission: {LOW}\nseed: 5\nlands_after_s: 10\n"
@@ -61,7 +62,7 @@ def test_processes_fly_what_the_virtual_clock_flies(tmp_path: Path) -> None:
 @pytest.mark.timeout(120)
 def test_a_drawn_flight_is_held_against_processes(monkeypatch: pytest.MonkeyPatch) -> None:
     """What they fly otherwise is found. What can't happen to processes is left out."""
-    mission = yaml_file.read(LOW, what="mission").data
+    mission = yaml_file.parse(BARE, "pair").data
     text = yaml_file.write({"version": 1, "mission": mission, "seed": 5})
     restarts = f"{text}happens: [{{at_s: 9, kill: [2]}}, {{at_s: 12, restart: [2]}}]\n"
     assert fly(*scenario_of(restarts), lockstep=True)[1] == []
