@@ -4,7 +4,6 @@ clock."""
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -15,7 +14,7 @@ from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_sim.firmware.protocol import telemetry
 from tests.on_demand import on_demand
 from tests.scenarios.swarm import VirtualSwarm, at_step, landing_fast
-from tests.scenarios.test_steps import FORM, THIRD, quartet, trio
+from tests.scenarios.test_steps import FORM, THIRD, of_kind, quartet, trio
 
 ACTIONS = [Policy.LAND, Policy.RETURN, Policy.HOLD, Policy.CONTINUE]
 OTHERS = (Policy.RETURN, Policy.LAND, Policy.CONTINUE)
@@ -136,10 +135,7 @@ def test_wind(autopilot: str, policy: Policy) -> None:
     the wind."""
     held = ("hold: {duration_s: 20}", "land")
     windy = mission(f"wind: {policy.value}, wind_limit_mps: 7", steps=held)
-    fleet = replace(
-        windy.fleet, agents=tuple(replace(a, autopilot=autopilot) for a in windy.fleet.agents)
-    )
-    swarm = landing_fast(VirtualSwarm(replace(windy, fleet=fleet)))
+    swarm = landing_fast(VirtualSwarm(of_kind(windy, autopilot)))
     for vehicle in swarm.hub.world.vehicles:
         for name in WIND_SWITCHES[autopilot]:
             vehicle.firmware.parameters.set(name, 12.0)
@@ -168,10 +164,7 @@ def test_without_an_estimate_the_tilt_limit_stands_in(autopilot: str) -> None:
     """A vehicle as delivered tells no wind (ArduCopter: one of 0); it has to lean against it all
     the same. Each agent says once, before it arms, that a chosen wind limit can't act."""
     calm = mission("too_fast: land, max_tilt_deg: 9, wind_limit_mps: 11")
-    fleet = replace(
-        calm.fleet, agents=tuple(replace(a, autopilot=autopilot) for a in calm.fleet.agents)
-    )
-    swarm = at_step(replace(calm, fleet=fleet), THIRD)
+    swarm = at_step(of_kind(calm, autopilot), THIRD)
     blow(swarm, 13.0)
     swarm.run(15)
     assert "wind of" not in reasons(swarm)
@@ -272,11 +265,6 @@ def test_an_estimate_that_gets_bad_in_the_air(autopilot: str, policy: Policy) ->
     second(swarm, "SIM_GPS_ACC", 0.3)
     settle(swarm)
     assert set(swarm.outcomes().values()) == {"completed" if policy is Policy.HOLD else "failed"}
-
-
-def of_kind(flown: LoadedMission, autopilot: str) -> LoadedMission:
-    agents = tuple(replace(agent, autopilot=autopilot) for agent in flown.fleet.agents)
-    return replace(flown, fleet=replace(flown.fleet, agents=agents))
 
 
 def test_a_gps_that_jumps_is_seen_by_the_estimator_and_held_through() -> None:

@@ -22,6 +22,7 @@ from tests.scenarios.test_steps import (
     THIRD,
     TRIO,
     assert_good,
+    of_kind,
     quartet,
     shape_error_m,
     trio,
@@ -121,10 +122,7 @@ def test_comes_too_late() -> None:
     assert swarm.phases() & {Phase.HOLD, Phase.LAND}
     swarm.restart(3)
     swarm.fly(900)
-    assert set(swarm.outcomes().values()) == {"failed"}
-    assert len(swarm.outcomes()) == 3
-    assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
-    assert swarm.all_down
+    assert_good(swarm, "failed")
 
 
 def test_one_that_ended_before_is_waited_for_by_none_that_starts_again() -> None:
@@ -152,9 +150,7 @@ def test_another_plan_leaves_the_vehicle_alone() -> None:
     assert "is not taken over: agent 1 has another plan" in texts(swarm)
     swarm.fly(900)
     swarm.wait(lambda s: s.all_down, swarm.now + 60)
-    assert set(swarm.outcomes().values()) == {"failed"}
-    assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
-    assert swarm.all_down
+    assert_good(swarm, "failed")
 
 
 @pytest.mark.parametrize("mode", [5, on_demand(17)])
@@ -222,25 +218,18 @@ def test_two_with_one_id() -> None:
 def test_px4_that_lands_is_seen_down() -> None:
     """A PX4 left OFFBOARD for good and lands: the new process does not stop it, and the mission is
     over."""
-    mission = MISSIONS["hold"][2]
-    agents = tuple(replace(a, autopilot="px4") for a in mission.fleet.agents)
-    mission = replace(mission, fleet=replace(mission.fleet, agents=agents))
-    swarm = restarted(mission, THIRD, 3.0, 2)
+    swarm = restarted(of_kind(MISSIONS["hold"][2], "px4"), THIRD, 3.0, 2)
     swarm.fly(900)
     assert "lands already (AUTO.LAND): seen down" in texts(swarm)
     assert "FlyGoal" not in swarm.members[2].goals
-    assert set(swarm.outcomes().values()) == {"failed"}
-    assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
-    assert swarm.all_down
+    assert_good(swarm, "failed")
 
 
 @pytest.mark.parametrize("autopilot", [on_demand("ardupilot"), "px4"])
 def test_one_that_wakes_from_a_stop_waits_for_its_vehicles_word(autopilot: str) -> None:
     """SIGSTOP for 10 s: its vehicle lands by itself. The agent ends when it sees it down, and gives
     it its own parameters back."""
-    mission = MISSIONS["hold"][2]
-    agents = tuple(replace(a, autopilot=autopilot) for a in mission.fleet.agents)
-    mission = replace(mission, fleet=replace(mission.fleet, agents=agents))
+    mission = of_kind(MISSIONS["hold"][2], autopilot)
     before = parameters(landing_fast(VirtualSwarm(mission)))
     swarm = at_step(mission, THIRD)
     assert parameters(swarm) != before
@@ -259,10 +248,7 @@ def test_one_that_wakes_from_a_stop_waits_for_its_vehicles_word(autopilot: str) 
 
 def test_px4_whose_agent_dies_at_take_off_lands() -> None:
     """It climbs by the agent's setpoints: without them it lands, as in every later step."""
-    mission = MISSIONS["takeoff"][2]
-    agents = tuple(replace(a, autopilot="px4") for a in mission.fleet.agents)
-    mission = replace(mission, fleet=replace(mission.fleet, agents=agents))
-    swarm = restarted(mission, TAKEOFF, 6.0, 2)
+    swarm = restarted(of_kind(MISSIONS["takeoff"][2], "px4"), TAKEOFF, 6.0, 2)
     swarm.fly(900)
     assert "lands already (AUTO.LAND): seen down" in texts(swarm)
     assert "AirborneGoal" not in swarm.members[2].goals
@@ -302,10 +288,9 @@ def test_an_operators_kill_counts_for_any_vehicle() -> None:
 def test_one_that_finds_its_vehicle_landed_never_takes_off(step: int) -> None:
     """Killed in the hold, or in the landing, and started again once its vehicle is down: it does
     not arm, and ends."""
-    mission = trio(f"hold: {{duration_s: {60 if step == THIRD else 1}}}", "land")
-    policies = replace(mission.plan.policies, agent_lost=Policy.CONTINUE)
-    mission = replace(mission, plan=replace(mission.plan, policies=policies))
-    swarm = at_step(mission, step)
+    head = "policies: {agent_lost: continue}\n"
+    hold_s = 60 if step == THIRD else 1
+    swarm = at_step(trio(f"hold: {{duration_s: {hold_s}}}", "land", head=head), step)
     swarm.run(1.0)
     swarm.kill(2)
     swarm.wait(lambda s: not s.hub.world.airborne()[1], swarm.now + 60)
@@ -390,12 +375,8 @@ def test_a_climb_that_a_hold_has_stopped_goes_on(autopilot: str) -> None:
     """An agent is away as the others climb: they hold, below their height, until it is back. Those
     that went on were taken for fallen out of height; an ArduCopter takes no second take-off in the
     air, and hung there until the step's time was over."""
-    mission = trio("land", height_m=16)
-    agents = tuple(replace(a, autopilot=autopilot) for a in mission.fleet.agents)
-    policies = replace(mission.plan.policies, agent_lost=Policy.HOLD, agent_lost_after_s=8.0)
-    plan = replace(mission.plan, policies=policies)
-    mission = replace(mission, plan=plan, fleet=replace(mission.fleet, agents=agents))
-    swarm = at_step(mission, TAKEOFF)
+    head = "policies: {agent_lost: hold, agent_lost_after_s: 8}\n"
+    swarm = at_step(of_kind(trio("land", head=head, height_m=16), autopilot), TAKEOFF)
     swarm.kill(2)
     swarm.wait(lambda s: Phase.HOLD in s.phases())
     swarm.run(8.0)

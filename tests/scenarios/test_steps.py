@@ -57,9 +57,15 @@ def fly(mission: LoadedMission, until_s: float = 900.0) -> VirtualSwarm:
     return swarm
 
 
-def assert_good(swarm: VirtualSwarm) -> None:
-    assert set(swarm.outcomes().values()) == {"completed"}
-    assert len(swarm.outcomes()) == len(swarm.plan.agents)
+def of_kind(flown: LoadedMission, autopilot: str) -> LoadedMission:
+    """All its vehicles."""
+    agents = tuple(replace(agent, autopilot=autopilot) for agent in flown.fleet.agents)
+    return replace(flown, fleet=replace(flown.fleet, agents=agents))
+
+
+def assert_good(swarm: VirtualSwarm, outcome: str = "completed") -> None:
+    """All have ended so, apart, and are down."""
+    assert swarm.outcomes() == dict.fromkeys((agent.id for agent in swarm.plan.agents), outcome)
     assert swarm.closest_m > swarm.plan.law.r_in * swarm.plan.unit_m
     assert swarm.all_down
 
@@ -170,11 +176,8 @@ CASES = [
 def test_an_agent_dies_in_any_step(step: int, victim: int, policy: Policy) -> None:
     """The pinned one or another: the survivors do as the policy says, apart from each other, and
     all come down."""
-    mission = quartet(
-        "move: {to: [30, 13]}", "rotate: {angle_deg: 45}", "scale: {factor: 1.2}", "return"
-    )
-    policies = replace(mission.plan.policies, agent_lost=policy)
-    swarm = at_step(replace(mission, plan=replace(mission.plan, policies=policies)), step)
+    steps = "move: {to: [30, 13]}", "rotate: {angle_deg: 45}", "scale: {factor: 1.2}", "return"
+    swarm = at_step(quartet(*steps, head=f"policies: {{agent_lost: {policy}}}\n"), step)
     swarm.run(1.5)
     swarm.kill(victim)
     swarm.fly(900)
@@ -195,9 +198,8 @@ def test_an_agent_dies_in_any_step(step: int, victim: int, policy: Policy) -> No
 
 def test_another_takes_over_when_the_pinned_agent_is_lost() -> None:
     """The move goes on to its end without a jump: the frame is where it was told to be last."""
-    mission = quartet("move: {to: [50, 13]}", "land")
-    policies = replace(mission.plan.policies, agent_lost=Policy.CONTINUE)
-    swarm = at_step(replace(mission, plan=replace(mission.plan, policies=policies)), THIRD)
+    head = "policies: {agent_lost: continue}\n"
+    swarm = at_step(quartet("move: {to: [50, 13]}", "land", head=head), THIRD)
     swarm.run(8)
     assert [m.agent._group.reference.pinned for m in swarm.members.values()] == [1, 1, 1, 1]
     frame = swarm.members[2].agent._group.reference.frame
