@@ -63,7 +63,7 @@ BEHIND_ANOTHER = {
     "steps": [
         {"takeoff": {"height_m": 4.0}},
         {"form": {"shape": "one", **FORMED}},
-        {"follow": {"target": "boat", "duration_s": 15.0}},
+        {"follow": {"target": "boat", "duration_s": 5.0}},
         "land",
     ],
 }
@@ -84,13 +84,14 @@ ABOVE_ANOTHER = {
 
 
 def test_each_takes_half_of_the_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert swapped() == ""
+    lands = {"at_s": 19.0, "order": "land"}
+    assert swapped(lands) == ""
 
     def all_of_it(other: Other, margins: Margins) -> tuple[complex, float, float]:
         return keep_out(other._replace(yields=False), margins)
 
     monkeypatch.setattr(decide, "keep_out", all_of_it)
-    assert " took more than half of the room to agent " in swapped()
+    assert " took more than half of the room to agent " in swapped(lands)
 
 
 def test_each_is_slow_near_others(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,10 +109,10 @@ def test_each_makes_room_before_it_lands(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_a_silent_one_may_have_flown_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    dies = {"at_s": 13.5, "kill": [1]}
-    assert swapped(dies) == ""
+    dies = {"at_s": 13.5, "kill": [1]}, {"at_s": 18.0, "order": "land"}
+    assert swapped(*dies) == ""
     monkeypatch.setattr(constraints, "flown_s", lambda age_s, fresh, _: age_s if fresh else 0.0)
-    assert " where agent 1 may have been, which was silent since 13.5 s" in swapped(dies)
+    assert " where agent 1 may have been, which was silent since 13.5 s" in swapped(*dies)
 
 
 def test_one_that_is_held_up_carries_nobody_along(monkeypatch: pytest.MonkeyPatch) -> None:
