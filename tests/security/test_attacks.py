@@ -22,11 +22,11 @@ pytestmark = [pytest.mark.timeout(400), pytest.mark.realtime]
 AGENTS: Final = range(1, 4)
 SHORT: Final = "{duration_s: 5}"
 assert SHORT in LOW.read_text()
-MISSION: Final = LOW.read_text().replace(SHORT, "{duration_s: 30}")
-"""Attacks need their time, in which a flight in lockstep goes on."""
+MISSION: Final = LOW.read_text().replace(SHORT, "{duration_s: 12}")
+"""Attacks need some 4 s of their own time, in which a flight in lockstep goes on."""
 UNHARMED_M: Final = 10.0
 """The smallest distance of the flight without an attack."""
-STEPPED: Final = ("--lockstep", "--speedup", "10")
+STEPPED: Final = ("--lockstep", "--speedup", "5")
 KILLS: Final = ("kill from a zenoh client", "kill by the program")
 SPOOFS: Final = ("one heartbeat in mode LAND", "forged positions")
 """Frames that an agent hears: it raises an alarm. Of others the simulated vehicle tells."""

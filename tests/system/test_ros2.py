@@ -181,7 +181,7 @@ def test_what_is_beside_an_agent_ends_with_it(
             os.kill(hung, signal.SIGSTOP)
             try:
                 second.kill()
-                until(lambda: not Path(f"/proc/{other}").exists(), [first])
+                until(lambda: not Path(f"/proc/{other}").exists(), [])
                 assert first.wait(60) == 1  # its mission needs the other; it lands
             finally:
                 os.kill(hung, signal.SIGKILL)
