@@ -189,6 +189,7 @@ _IN_WORDS = {
     "block collection.*found ('\\?'|'<block mapping start>')": _FIELD_AMONG_ENTRIES,
     r"found '[,}\]]'": ("a { or [ is missing before this", "well-formed YAML"),
     "found ':'": ("a ':' without a name before it", "name: value"),
+    r"aliases \(\*name\)": ("aliases (*name) are not supported", "the value itself, written out"),
     "expected <block end>": ("text stands where none can be", "name: value, or - and an entry"),
 }
 """PyYAML's messages as patterns, with what is wrong, and what is allowed."""

@@ -138,7 +138,7 @@ REFUSALS = {
     "misspelt section": ("shapes:", "shaeps:", 15, "shaeps", "did you mean shapes?", "agents, fence"),
     "colon within a text": ("name: trio", "name: trio: two", 2, "(whole file)", "a ':' stands where no field can begin", "quotes"),
     "two documents": ("tick_s: 0.05", "---", 5, "(whole file)", "YAML: ", "well-formed"),
-    "alias": ("unit_m: 5", "unit_m: *five", 4, "(whole file)", "aliases", "well-formed"),
+    "alias": ("unit_m: 5", "unit_m: *five", 4, "(whole file)", "aliases", "the value itself"),
     "control character": ("unit_m: 5", "unit_m: 5\x07", 4, "(whole file)", "character", "printable"),
     "no way": ("form: {shape: ring}", "form: {shape: ring}\n  - move: {speed_mps: 1}", 26, "step 3, move", "no way to go", "one of to, along, by"),
     "two ways": ("form: {shape: ring}", "form: {shape: ring}\n  - move: {to: [1, 1], by: [1, 1]}", 26, "step 3, move", "to and by", "one of to, along, by"),
