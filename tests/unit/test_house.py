@@ -6,7 +6,6 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from functools import cache
 from pathlib import Path
 
 import pytest
@@ -86,7 +85,6 @@ INNER_LOOPS = {
 of a tick among 32 agents."""
 
 
-@cache
 def _trees() -> dict[Path, ast.Module]:
     paths = [path for house in HOUSES for path in (ROOT / house).rglob("*.py")]
     return {path: ast.parse(path.read_text(encoding="utf-8")) for path in paths}
