@@ -159,3 +159,19 @@ def test_orders_to_all_count_those_that_are_away(swarm: Fly) -> None:
     assert program.resume().meant == (1, 2, 3)
     program.wait(15.0)
     assert math.dist(_centre(program, (3,)), (-30.0, 30.0)) > 10.0
+
+
+def test_who_is_the_last_to_fly_an_ordered_shape_keeps_it(swarm: Fly) -> None:
+    """The others were told to go on one by one, in that shape: it goes on in the same one, and the
+    mission with it. It had taken the shape of before, and the step ran out of time."""
+    text = MISSION.split("  - split:")[0].replace("  - {id: 4, start: [-12, 0]}\n", "")
+    text = text.replace("  - {id: 5, start: [-12, 9]}\n", "")
+    program = Swarm(swarm(f"{text}  - move: {{by: [20, 0]}}\n  - land: {{}}\n", virtual=True))
+    program.step("move")
+    program.form("wedge")
+    program.wait(8.0)
+    for agent in (1, 2):
+        program.resume(agent)
+    run = program.finish()
+    assert "no other agent flies the commanded form" in run.texts
+    assert run.outcomes == dict.fromkeys((1, 2, 3), "completed")

@@ -380,14 +380,15 @@ class Agent:
         return ack
 
     def _drop_command(self, tick: Tick) -> None:
-        """A shape or a move is for all: one that no peer flies was not commanded to all."""
+        """A shape or a move is for all: one that no peer flies was not commanded to all, or the
+        others have resumed the mission in that shape."""
         handler = self._command_handler
-        before = handler.override
+        before, shared = handler.override, self._group.shared == handler.tag
         if before is None or not handler.drop_alone():
             return
         text = f"no other agent flies the commanded {before.kind}: going on without it"
         self._log.say(tick.now, Severity.WARNING, text)
-        if before.kind == CommandKind.FORM:
+        if before.kind == CommandKind.FORM and not shared:
             self._group.reference.form(*self._shape)
             self._group.heights = self._heights
         joins = self._takeover.catch_up(tick, handler.tag)

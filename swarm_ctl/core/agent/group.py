@@ -99,6 +99,8 @@ class Group:
         self._held_since: dict[int, float] = {}
         """By agent: since when it flies a command that this agent does not."""
         self._alone_since = math.inf
+        self.shared = 0
+        """`Command.tag` of the newest command that a peer flew beside this agent; 0: none."""
         self.departed: dict[int, str] = {}
         """The peers that have left the formation, by id, and why: by an operator's order, or
         because a command has held them for longer than the mission waits."""
@@ -314,6 +316,8 @@ class Group:
             self._alone_since = math.inf
             return
         flying = [p.formation[2] for p in self.mates(tick).peers if p.formation and p.left is None]
+        if own_override in flying:
+            self.shared = own_override
         alone = flying and own_override not in flying
         self._alone_since = min(self._alone_since, tick.now) if alone else math.inf
 
