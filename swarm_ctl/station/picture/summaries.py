@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from swarm_ctl.commands.answers import others
-from swarm_ctl.core.model.messages import Command, CommandKind, Event, Phase, Severity
+from swarm_ctl.core.model.messages import ENDING, Command, CommandKind, Event, Phase, Severity
 from swarm_ctl.core.model.plan import EVERYONE
 from swarm_ctl.core.model.text import agents_counted, agents_named, printable, ranges
 from swarm_ctl.core.swarm.gain_update import named
@@ -158,7 +158,8 @@ def refusals(command: CommandView, view: SwarmView) -> dict[str, list[int]]:
 
 def meant_by(command: CommandView, view: SwarmView) -> tuple[int, ...]:
     """The agents that a command is for: those that it names; else all but those that have left the
-    formation: of those, one that is down and refuses was not meant (`SwarmNow.meant`)."""
+    formation: of those, one that is down and refuses was not meant, nor is one that comes down by
+    `return` or `resume` (`SwarmNow.meant`)."""
     given, left = command.command, view.left
     named = given.agents
     if len(named) > 1:  # of a group those that have left it are not asked
@@ -172,8 +173,10 @@ def meant_by(command: CommandView, view: SwarmView) -> tuple[int, ...]:
 
 def _answers_for_all(agent: AgentView, command: CommandView) -> bool:
     """It has left the formation, and answers an order that ends the mission all the same."""
-    ack = command.acks.get(agent.id)
-    down = agent.state.down if agent.state is not None else True
+    ack, state = command.acks.get(agent.id), agent.state
+    down = state is None or state.down
+    if state is not None and command.command.kind in (CommandKind.RETURN, CommandKind.RESUME):
+        down = down or state.left in ENDING
     return ack is not None and (ack.accepted or not down)
 
 

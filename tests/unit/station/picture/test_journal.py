@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
 from swarm_ctl.core.model.messages import Ack, Command, CommandKind, Event
@@ -168,19 +170,22 @@ def test_a_flood_of_events_is_bounded_and_said() -> None:
     assert any("100 events came too fast" in entry.text for entry in journal.entries)
 
 
-def test_one_that_has_left_and_is_down_does_not_refuse_an_order_to_all() -> None:
-    """As `swarm-ctl send` has it: it was not meant. While it is in the air it was, and its refusal
-    is told. One that comes down is called back by its name alone."""
-    for down in (True, False):
-        model, journal = flying_model(PLAN), Journal()
-        model.fold(state_of(PLAN, 3, 30.05, seq=9999, left=CommandKind.LAND, down=down), 30.0)
-        model.fold(Command("c", "land", (), 30.1), 30.1)
-        for agent in (1, 2, 4, 5, 6):
-            model.fold(Ack(agent, "c", True, ""), 30.2)
-        model.fold(Ack(3, "c", False, "no"), 30.2)
-        view = model.view(30.2)
-        assert (3 in swarm_now(view).meant(Order("land"))) is not down
-        assert 3 not in swarm_now(view).meant(Order("return"))
-        journal.update(view)
-        told = "land: acknowledged by agents 1-2, 4-6"
-        assert journal.entries[0].text == told + ("" if down else ", refused by agent 3: no")
+@pytest.mark.parametrize("down", [True, False])
+@pytest.mark.parametrize("kind", ["land", "return", "resume"])
+def test_one_that_has_left_and_is_down_does_not_refuse_an_order_to_all(
+    kind: str, down: bool
+) -> None:
+    """As `swarm-ctl send` has it: it was not meant. While it comes down it may refuse to land, and
+    that is told. By `return` and `resume` it is called back by its name alone."""
+    meant = kind == "land" and not down
+    model, journal = flying_model(PLAN), Journal()
+    model.fold(state_of(PLAN, 3, 30.05, seq=9999, left=CommandKind.LAND, down=down), 30.0)
+    model.fold(Command("c", kind, (), 30.1), 30.1)
+    for agent in (1, 2, 4, 5, 6):
+        model.fold(Ack(agent, "c", True, ""), 30.2)
+    model.fold(Ack(3, "c", False, "no"), 30.2)
+    view = model.view(30.2)
+    assert (3 in swarm_now(view).meant(Order(kind))) is meant
+    journal.update(view)
+    told = f"{kind}: acknowledged by agents 1-2, 4-6"
+    assert journal.entries[0].text == told + (", refused by agent 3: no" if meant else "")
