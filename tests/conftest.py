@@ -39,6 +39,7 @@ REALTIME = {"system": RUNS, "hosts": RUNS, "autopilots": RUNS, "protocol": LINKS
 TERMINALS = ("test_dashboard", "test_keys", "test_measure", "test_zenoh_links")
 """Of the folder `system`, but beside the whole runs."""
 LONG_ONES = ("test_several_swarms", "test_send", "test_plugin", "test_python")
+LONG_ONES += ("test_foxglove", "test_readers", "test_whole")
 """In lockstep for more than 15 s."""
 _GIVE_WAY = 5
 """As `nice` counts: a third of the weight."""

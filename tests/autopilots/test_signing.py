@@ -155,7 +155,7 @@ def attack(folder: Path, mission: Path, tap: Wiretap, key: bytes, vehicle: Start
 
 
 def test_a_px4_before_1_18_is_told_not_to_sign(tmp_path: Path) -> None:
-    with standing([VehicleKind.PX4], tmp_path / "vehicles", speedup=2) as started:
+    with standing([VehicleKind.PX4], tmp_path / "vehicles") as started:
         trusted(tmp_path, started[1], started[1].endpoint)
         code, output = trust_vehicle(tmp_path, started[1].endpoint)
     if code == 0:
