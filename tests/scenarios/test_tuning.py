@@ -98,6 +98,18 @@ def test_all_change_in_the_tick_of_the_order_s_time() -> None:
     assert_arrives(swarm)
 
 
+def test_an_expelled_agent_changes_with_the_others() -> None:
+    """It holds, and the others do not listen to it: that keeps no law and no zone from them."""
+    swarm = at_step(quartet("land"), FORM)
+    swarm.command("expel", about=(2,))
+    swarm.run(1.0)
+    desk = Desk(swarm)
+    desk.tune(h=0.04)
+    desk.run(4)
+    assert desk.failures == []
+    assert len(set(desk.moments)) == len(desk.moments[0]) == 1
+
+
 def test_agents_with_other_clocks_change_together() -> None:
     """The order's time is the sender's; it says how far each clock is ahead, to some tenths of a
     second: the others follow an early agent as soon as they hear it.
