@@ -333,7 +333,16 @@ class Study(_Common):
             spans = [[int(end) for end in part.split(":")] for part in given.split(",")]
         except ValueError:
             raise ValueError(f"{given!r} is no list; allowed: 6 or 4,6,9 or 2:50") from None
+        if any(len(span) > 2 or span[0] > span[-1] for span in spans):
+            raise ValueError(f"{given!r} is no list; allowed: LOW:HIGH, LOW <= HIGH")
         return [k for span in spans for k in range(span[0], span[-1] + 1)]
+
+    @field_validator(*LISTS, *RANGES)
+    @classmethod
+    def _not_empty(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
+        if not values:
+            raise ValueError("the list is empty; allowed: one value or more")
+        return values
 
     @model_validator(mode="after")
     def _possible(self) -> Self:

@@ -15,6 +15,7 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
+from swarm_ctl.errors import InputError
 from swarm_ctl.study.batch.batch import block_size
 from swarm_ctl.study.parameter_space import AGENT_RANGES, LISTS, MODEL, RANGES, Range, Study
 from swarm_ctl.study.rows import WITH_UNIT, Row
@@ -51,6 +52,13 @@ class Goal(StrEnum):
     """A live agent comes nearest to a zone, or deepest into one."""
     LINK = "link"
     """A link whose slots fit is torn; where none is, has the longest link."""
+
+    def require_in(self, study: Study) -> None:
+        """InputError where no mission of the study can have one, so that none is worse."""
+        if self is Goal.ZONE and set(study.wood) == {"none"}:
+            raise InputError("--search zone: no zones in this study; allowed: with --wood trunks")
+        if self is Goal.SILENT and not any(share.high for share in study.silent):
+            raise InputError("--search silent: no agent dies here; allowed: with --silent 0.2")
 
     def badness(self, row: Row) -> float:
         """Of a mission; more is worse."""

@@ -58,11 +58,12 @@ def measure(
         endpoint_option("A vehicle of no fleet, e.g. udpout:127.0.0.1:14601; no file is written."),
     ] = None,
     sysid: Annotated[
-        int, option("NUMBER", "With --endpoint: its MAVLink system id.", min=1, max=250)
-    ] = 1,
+        int | None,
+        option("NUMBER", "With --endpoint: its MAVLink system id.  [default: 1]", min=1, max=250),
+    ] = None,
     autopilot: Annotated[
-        Persona, typer.Option(help="With --endpoint: its firmware.")
-    ] = Persona.ARDUPILOT,
+        Persona | None, typer.Option(help="With --endpoint: its firmware.  [default: ardupilot]")
+    ] = None,
     vehicles: Annotated[VehicleKind | None, option("KIND", _VEHICLES)] = None,
     speed: Annotated[float | None, option("M/S", _SPEED, min=0.5)] = None,
     height: Annotated[
@@ -106,10 +107,17 @@ def measure(
     from swarm_ctl.mission.fleet.exposure import exposed_links, refuse_exposed
 
     console = PlainConsole()
+    if endpoint is None:
+        kinds = {"--autopilot": autopilot} | ({} if vehicles else {"--sysid": sysid})
+        for name, given in kinds.items():
+            if given is not None:
+                known = "--vehicles names" if vehicles else "the fleet says"
+                raise InputError(f"{name}: {known} what a vehicle is; allowed: with --endpoint")
+    sysid, firmware = sysid or 1, (autopilot or Persona.ARDUPILOT).value
     if vehicles is not None:
         if endpoint or fleet or mission or agent_id:
             raise InputError("--vehicles starts a vehicle of no fleet; allowed: that alone")
-        kind = vehicles.autopilot or autopilot.value
+        kind = vehicles.autopilot or firmware
         task = Task(
             (
                 FleetAgent(
@@ -131,10 +139,8 @@ def measure(
             "--endpoint is a vehicle of no fleet; allowed: that, or a mission or --fleet with --id"
         )
     else:
-        kind = autopilot.value
-        task = Task(
-            (FleetAgent(sysid, sysid, kind, endpoint, None, AUTOPILOT_KINDS[kind].response),)
-        )
+        response = AUTOPILOT_KINDS[firmware].response
+        task = Task((FleetAgent(sysid, sysid, firmware, endpoint, None, response),))
     if task.file and not dry_run:
         require_writable(task.file, "or fly with --dry-run")
     chosen = task.chosen(agent_id)

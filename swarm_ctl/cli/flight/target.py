@@ -37,6 +37,7 @@ _FROM: Final = (
 )
 _QUIET_S: Final = 2.0
 """Without a word for longer, the line says why: the swarm says that the target is silent then."""
+_LATE_S: Final = 0.2
 _EVERY: Final = 10
 """Without a terminal, of so many looks one is a line."""
 _ICAO: Final = "mavlink: the aircraft with this ICAO address, as an ADS-B receiver hears it."
@@ -53,15 +54,23 @@ def target(
     ] = None,
     fleet: FlownFleet = None,
     late: Annotated[
-        float, option("S", "How old a position is when the receiver tells it.", min=0.0, max=2.0)
-    ] = 0.2,
+        float | None,
+        option(
+            "S",
+            "How old a position is when the receiver tells it.  [default: 0.2]",
+            min=0.0,
+            max=2.0,
+        ),
+    ] = None,
     system: Annotated[
-        int, option("N", "mavlink: the system id of the vehicle.  [default: any]", min=0, max=255)
-    ] = 0,
+        int | None,
+        option("N", "mavlink: the system id of the vehicle.  [default: any]", min=0, max=255),
+    ] = None,
     icao: Annotated[str, option("HEX", _ICAO)] = "",
     faster: Annotated[
-        float, option("FACTOR", "A track is played so much faster.", min=0.01, max=100.0)
-    ] = 1.0,
+        float | None,
+        option("FACTOR", "A track is played so much faster.  [default: 1]", min=0.01, max=100.0),
+    ] = None,
     identity: IdentityFolder = None,
     open_mesh: OpenMesh = False,
     zenoh_config: ZenohConfig = None,
@@ -93,8 +102,18 @@ def target(
     from swarm_ctl.engine.target.teller import open_source, tell
 
     address = _address(icao)
+    _check_source(source, late, system, icao, faster)
+    if run is not None and mission is not None:
+        raise InputError(f"both --run {run} and --mission {mission}; allowed: one of them")
     with ExitStack() as opened:
-        news = open_source(name, source, late_s=late, system=system, icao=address, faster=faster)
+        news = open_source(
+            name,
+            source,
+            late_s=_LATE_S if late is None else late,
+            system=system or 0,
+            icao=address,
+            faster=faster or 1.0,
+        )
         opened.callback(news.close)
         if mission is None:
             for option_name, value in {"--mesh": mesh, "--fleet": fleet}.items():
@@ -110,6 +129,23 @@ def target(
     if not as_json:
         PlainConsole().say(f"target {name}: {told.words} words were told")
     raise typer.Exit(0 if told.words else 3)
+
+
+def _check_source(
+    source: str, late: float | None, system: int | None, icao: str, faster: float | None
+) -> None:
+    """InputError for an option that this source would leave unread."""
+    scheme = source.partition(":")[0]
+    receiver = scheme in ("nmea", "gpsd", "mavlink")
+    checks = (
+        ("--late", late is not None, receiver, "a receiver (nmea, gpsd, mavlink)"),
+        ("--system", system is not None, scheme == "mavlink", "mavlink:ENDPOINT"),
+        ("--icao", bool(icao), scheme == "mavlink", "mavlink:ENDPOINT"),
+        ("--faster", faster is not None, not receiver, "a .csv or .gpx track"),
+    )
+    for name, given, read, allowed in checks:
+        if given and not read:
+            raise InputError(f"{name} with --from {source}; allowed: with {allowed}")
 
 
 def _address(icao: str) -> int:

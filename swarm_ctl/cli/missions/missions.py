@@ -103,6 +103,9 @@ def plan(
     console.warn(loaded.warnings)
     refuse_too_close(loaded, forecast(loaded.plan))
     require_writable(out, "choose with --out")
+    for read in (mission, fleet):
+        if read is not None and out.exists() and read.exists() and out.samefile(read):
+            raise InputError(f"--out {out}: the plan is made from this file; choose another one")
     write_whole(out, plan_to_json(loaded.plan, loaded.fleet))
     agents, name = len(loaded.plan.agents), named_by_hash(loaded.plan, loaded.fleet)
     console.say(f"plan: {out}, {agents} agents, {name}; swarm-ctl agent {out} --id ID")

@@ -47,6 +47,8 @@ def evidence(
 
     claims = read_claims()
     if listed:
+        if quick or every or row:
+            raise InputError("--list flies none; allowed: that alone")
         _list(claims.rows)
         return
     if not (quick or every or row):

@@ -64,6 +64,8 @@ def fuzz(
     """
     console = PlainConsole()
     if replay is not None:
+        if mission is not None:
+            raise InputError(f"{mission} with --replay {replay}: a scenario has its own mission")
         raise typer.Exit(_replay(replay, out, console))
     campaign = _campaign(mission, seed, out)
     campaign.lockstep = lockstep

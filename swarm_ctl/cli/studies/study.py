@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
@@ -28,9 +28,23 @@ def _one(metavar: str, text: str, default: float | str) -> Any:
 
 Given: TypeAlias = str | None
 LEAGUE_H: Final = 0.2
+BUDGET: Final = 10_000
 _HAND_MADE: Final = ("law", "about", "by")
 """Fields of a study's file that are no list, range or number."""
 _UNIT: Final = re.compile(r"(?<!unit)_(s|mps|mps2)$")
+_OUT: Final = (".csv", ".parquet")
+_PICTURES: Final = (".gif", ".png")
+_WITH: Final = {
+    "--picture": ("--row", "--search", "several laws"),
+    "--mission": ("--row", "--search"),
+    "--budget": ("--search",),
+}
+"""What an option needs one of."""
+_NOT_WITH: Final = {
+    "--by": ("--row", "--search", "several laws"),
+    "--curves": ("--row", "--search", "several laws"),
+    "--cluster": ("--row",),
+}
 _GIVEN: Final = "swarm_ctl.study"
 
 
@@ -137,8 +151,11 @@ def study(
         ),
     ] = None,
     budget: Annotated[
-        int, option("MISSIONS", "Of --search; as many are drawn plainly beside it.", min=1)
-    ] = 10_000,
+        int | None,
+        option(
+            "MISSIONS", "Of --search; as many are drawn plainly beside it.  [default: 10000]", min=1
+        ),
+    ] = None,
 ) -> None:
     """Fly thousands of missions in one go, compiled.
 
@@ -174,6 +191,18 @@ def study(
     if row is not None and (search is not None or leagues):
         what = "several laws" if leagues else "--search"
         raise InputError(f"{what}: not with --row, which is one mission")
+    _check_together(
+        [n for n, there in (("--row", row is not None), ("--search", search is not None)) if there]
+        + ["several laws"] * leagues,
+        {
+            "--picture": picture,
+            "--mission": mission,
+            "--budget": budget,
+            "--by": by,
+            "--curves": curves,
+            "--cluster": cluster,
+        },
+    )
     name = file.stem if file else "study"
     out = out or Path(f"{name}-{search}.csv" if search else f"{name}.csv")
     if out.is_dir() and out.suffix != ".parquet":
@@ -200,6 +229,8 @@ def study(
     if row is not None:
         _rerun(out, row, plan, picture, mission, console)
         return
+    if out.suffix not in _OUT:
+        raise InputError(f"--out {out}: allowed: a {_OUT[0]} file, or a {_OUT[1]} folder")
     require_writable(out, "choose with --out")
     if leagues:
         if search is not None:
@@ -209,7 +240,7 @@ def study(
         return
     if search is not None:
         _check_extras(out, processes, cluster)
-        found = _search(plan, search, budget, out, processes, cluster, console)
+        found = _search(plan, search, budget or BUDGET, out, processes, cluster, console)
         _rerun(out, found, None, picture, mission, console)
         return
     names = _varied(said.by, plan) if by else tuple(n for n in said.by if n in plan.varied)
@@ -242,6 +273,20 @@ def _numbers(text: str | None) -> dict[str, float]:
         except ValueError:
             raise InputError(f"--parameters {word}: allowed: NAME=VALUE, as in rate=1.5") from None
     return found
+
+
+def _check_together(ways: Sequence[str], given: Mapping[str, Any]) -> None:
+    """InputError for an option that this way of flying would leave unread."""
+    for option_name in (name for name, value in given.items() if value is not None):
+        needs = _WITH.get(option_name)
+        if needs is not None and not set(needs) & set(ways):
+            raise InputError(f"{option_name}: allowed: with {' or '.join(needs)}")
+        for way in _NOT_WITH.get(option_name, ()):
+            if way in ways:
+                raise InputError(f"{option_name}: not with {way}")
+    picture: Path | None = given["--picture"]
+    if picture is not None and "several laws" not in ways and picture.suffix not in _PICTURES:
+        raise InputError(f"--picture {picture}: allowed: {', '.join(_PICTURES)}")
 
 
 def _check_extras(out: Path, processes: int | None, cluster: str | None) -> None:
@@ -278,6 +323,7 @@ def _search(
 
     if goal not in [*Goal]:
         raise InputError(f"--search {goal}: allowed: {', '.join(Goal)}")
+    Goal(goal).require_in(plan)
     if out.exists():
         raise InputError(f"{out}: is there already; choose another --out")
     fly = partial(fly_studies, processes=processes, cluster=cluster)

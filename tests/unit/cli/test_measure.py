@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from swarm_ctl.cli.checks.measure import described, measure
+from swarm_ctl.cli.flight.sim import Persona
 from swarm_ctl.core.identification.fit import fit
 from swarm_ctl.core.model.fleet import VehicleKind
 from swarm_ctl.core.model.plan import Response
@@ -47,6 +48,18 @@ def fleet(tmp_path: Path) -> Path:
         (
             {"fleet": "FLEET", "agent_id": "1", "box": 5.0},
             "--box 5: steps of 5 m/s lead farther; allowed: 22.5 m",
+        ),
+        (
+            {"fleet": "FLEET", "agent_id": "1", "sysid": 3},
+            "--sysid: the fleet says what a vehicle is; allowed: with --endpoint",
+        ),
+        (
+            {"fleet": "FLEET", "agent_id": "1", "autopilot": Persona.PX4},
+            "--autopilot: the fleet says what a vehicle is; allowed: with --endpoint",
+        ),
+        (
+            {"vehicles": VehicleKind.ARDUCOPTER, "autopilot": Persona.PX4},
+            "--autopilot: --vehicles names what a vehicle is; allowed: with --endpoint",
         ),
         ({"fleet": Path("nowhere.yaml")}, "nowhere.yaml: (whole file): can't be read"),
         (

@@ -107,3 +107,53 @@ def test_each_study_of_the_project_can_be_flown(path: Path) -> None:
     said = study_file(path, {})
     assert said.about.endswith(".")
     assert set(said.by) <= set(said.study.varied)
+
+
+def refused(
+    arguments: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> str:
+    """What `study` says to options that it refuses before it flies."""
+    monkeypatch.setattr("sys.argv", ["swarm-ctl", "study", "--missions", "1", *arguments.split()])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    return capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ("--picture a.png", "--picture: allowed: with --row or --search or several laws"),
+        ("--mission a.yaml", "--mission: allowed: with --row or --search"),
+        ("--mission a.yaml --law paper,orca", "--mission: allowed: with --row or --search"),
+        ("--budget 20", "--budget: allowed: with --search"),
+        ("--row 0 --by n", "--by: not with --row"),
+        ("--search smallest --budget 2 --curves a.svg", "--curves: not with --search"),
+        ("--law paper,orca --by n", "--by: not with several laws"),
+        ("--row 0 --cluster local", "--cluster: not with --row"),
+        ("--row 0 --picture a.txt", "--picture a.txt: allowed: .gif, .png"),
+        ("--search zone --budget 2", "--search zone: no zones in this study; allowed: with --wood"),
+        ("--search silent --budget 2", "--search silent: no agent dies here; allowed: with --sil"),
+        ("--n 3:2", "n: '3:2' is no list; allowed: LOW:HIGH, LOW <= HIGH"),
+        ("--n 2:4:9", "n: '2:4:9' is no list; allowed: LOW:HIGH, LOW <= HIGH"),
+        ("--out a.xlsx", "--out a.xlsx: allowed: a .csv file, or a .parquet folder"),
+    ],
+)
+def test_what_would_be_ignored_is_refused(
+    arguments: str,
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Before anything is flown or written: an option that this way of flying does not read, a
+    search for what no mission has, lists without a value, and rows of another kind."""
+    monkeypatch.chdir(tmp_path)
+    assert said in refused(arguments, monkeypatch, capsys)
+    assert not [*tmp_path.iterdir()]
+
+
+def test_an_empty_list_is_a_mistake(tmp_path: Path) -> None:
+    """It would fly no mission, and its table would have no column."""
+    with pytest.raises(InputError, match=r"a.yaml:1: n: the list is empty; allowed: one value"):
+        study_file(write(tmp_path / "a.yaml", "n: []\n"), {})
