@@ -47,8 +47,9 @@ def read_fleet(path: Path) -> Fleet:
 
 
 def file_of(mission: Path) -> Path | None:
-    """The file with the fleet of a mission: the one it names, the mission itself, or None."""
-    source = yaml_file.read(mission)
+    """The file with the fleet of a mission: the one it names, the mission itself, or None; of a
+    scenario None, too."""
+    source = yaml_file.read(mission, also=("scenario",))
     fleet = source.data.get("fleet") if isinstance(source.data, dict) else None
     if isinstance(fleet, str):
         return mission.parent / fleet
