@@ -16,7 +16,7 @@ from textual.color import Color
 from swarm_ctl.commands.build import build
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
-from swarm_ctl.core.model.messages import Ack, Command, Echo, LinkReport, Phase
+from swarm_ctl.core.model.messages import Ack, Command, Echo, LinkReport, Phase, SafetyReport
 from swarm_ctl.core.model.zones import Zone
 from swarm_ctl.core.swarm.gain_update import LEAD_S
 from swarm_ctl.engine.station.ground_station import swarm_now
@@ -26,6 +26,7 @@ from swarm_ctl.station.dashboard.drawing.picture import Chosen, NewZone, Picture
 from swarm_ctl.station.dashboard.drawing.styled_line import StyledLine, bar, blocks, fit, gauge
 from swarm_ctl.station.dashboard.drawing.widgets import Heading
 from swarm_ctl.station.dashboard.panes.groups import group_lines
+from swarm_ctl.station.dashboard.panes.sigma_pane import filter_lines
 from swarm_ctl.station.dashboard.panes.swarm_map import SIDES, MapScale, fitted, map_lines, position
 from swarm_ctl.station.foxglove.desk import figures
 from swarm_ctl.station.output.json_lines import json_line
@@ -149,6 +150,23 @@ def test_a_bad_link_is_named_in_words() -> None:
     assert _link(0.7, awful) == (Level.ERROR, "last state 0.7 s old, 50% lost in 10 s")
     assert _link(1.5) == (Level.ERROR, "last state 1.5 s old")
     assert _link(0.05, lossy) == (Level.WARNING, "10% lost in 10 s")
+
+
+@pytest.mark.parametrize("width", [40, 60, 80])
+def test_no_figure_of_the_safety_filter_is_cut_at_the_edge(width: int) -> None:
+    """A count that loses its last digits is another count: what does not fit stands below."""
+    view = PICTURES["well"]()
+    busy = SafetyReport(ticks=2000, touched=1000, yielded=2057, releases=2057)
+    agents = tuple(
+        replace(agent, status=agent.status and replace(agent.status, safety=busy))
+        for agent in view.agents
+    )
+    told = sum(agent.status is not None for agent in agents)
+    lines = filter_lines(replace(view, agents=agents), width)
+    assert max(line.width for line in lines) <= width
+    words = " ".join(line.text for line in lines)
+    assert f"gave way in {told * 2057}" in words
+    assert f"dead-locks left {told * 2057}" in words
 
 
 def test_an_agent_that_all_hear_badly_is_one_sentence() -> None:

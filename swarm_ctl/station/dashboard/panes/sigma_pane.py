@@ -88,7 +88,9 @@ class SigmaPane(Pane):
         pairs.display, terms.display = bool(view.pairs), any(a.sigma for a in view.agents)
         terms.show(_TERMS, {str(a.id): _term(a.id, a.sigma) for a in view.agents if a.sigma})
         tally = self.query_one("#tally", Painted)
-        tally.paint([StyledLine(), *_tally(view, tally.room[0]), *_filter(view)])
+        tally.paint(
+            [StyledLine(), *_tally(view, tally.room[0]), *filter_lines(view, tally.room[0])]
+        )
 
 
 def budget_used(report: PairReport, law: SigmaReport | None, r: float) -> float | None:
@@ -205,7 +207,7 @@ def _tally(view: SwarmView, width: int) -> list[StyledLine]:
     return lines
 
 
-def _filter(view: SwarmView) -> list[StyledLine]:
+def filter_lines(view: SwarmView, width: int) -> list[StyledLine]:
     """What the safety filter has made of the law's wishes, and which agents it keeps apart now."""
     if not view.plan.safety.filter:
         return [StyledLine("   safety filter:", "bold dim").add("  off", "yellow")]
@@ -213,11 +215,15 @@ def _filter(view: SwarmView) -> list[StyledLine]:
     reports = [(i, status.safety) for i, status in statuses]
     ticks, touched = sum(r.ticks for _, r in reports), sum(r.touched for _, r in reports)
     yielded, releases = sum(r.yielded for _, r in reports), sum(r.releases for _, r in reports)
-    line = StyledLine("   safety filter:", "bold dim")
-    line.add(f"  changed {100 * touched / max(1, ticks):.1f}% of the ticks")
-    line.add(f"  gave way in {yielded}", "yellow" if yielded else "dim")
-    line.add(f"  dead-locks left {releases}", "" if releases else "dim")
-    lines = [line]
+    lines = [StyledLine("   safety filter:", "bold dim")]
+    for words, name in (
+        (f"  changed {100 * touched / max(1, ticks):.1f}% of the ticks", ""),
+        (f"  gave way in {yielded}", "yellow" if yielded else "dim"),
+        (f"  dead-locks left {releases}", "" if releases else "dim"),
+    ):
+        if lines[-1].width + len(words) > width:
+            lines.append(StyledLine("  "))
+        lines[-1].add(words, name)
     swapped = sum(len(status.roles) for _, status in statuses) // 2
     if swapped:
         lines.append(StyledLine(f"   slots exchanged {swapped}"))
