@@ -18,7 +18,7 @@ from swarm_ctl.cli.shared.options import (
     recorded_run,
     require_writable,
 )
-from swarm_ctl.errors import SwarmError
+from swarm_ctl.errors import InputError, SwarmError
 from swarm_ctl.rim import explained
 
 
@@ -65,6 +65,8 @@ def compare(
     """
     from swarm_ctl.report.page.html_page import comparison_table, make_comparison
 
+    if out.suffix.lower() not in (".html", ".htm"):  # a run's own file, a picture
+        raise InputError(f"--out {out}: is no page; allowed: a .html file")
     require_writable(out, "choose with --out")
     console = PlainConsole()
     page = _made(out, lambda: make_comparison(runs, out))

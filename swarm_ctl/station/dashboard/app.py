@@ -311,7 +311,9 @@ class Dashboard(App[None]):
         """The lines below the screen: all that a key on the command line changes."""
         picture = self.picture
         if picture is not None:
-            self._paint("answers", self._words_below(picture))
+            width = self.size.width
+            lines = self._words_below(picture).folded(self.console, width)
+            self.query_one("#answers", Painted).paint(lines, "", width)
         if self._question is not None:
             width = self.size.width
             lines = self._question.lines(width, answered=self._question_seen)

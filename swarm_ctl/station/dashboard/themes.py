@@ -41,7 +41,7 @@ VerticalScroll { scrollbar-size-vertical: 1; }
 TabbedContent, TabPane, ContentSwitcher { height: 1fr; padding: 0; }
 Tabs, ContentTabs { height: 1; }
 Tab.-active { text-style: bold reverse; }
-#matrix, #law, #tally, #empty { height: auto; }
+#matrix, #law, #tally, #empty, #answers { height: auto; }
 CellTable { height: auto; overflow-x: hidden; }
 #swarm { layout: vertical; }
 #left { height: auto; max-height: 65%; }

@@ -23,6 +23,7 @@ TRACK, NMEA = "target boat --from a.csv", "target boat --from nmea:tcp:127.0.0.1
         (f"{TRACK} --run a --mission b.yaml", "both --run a and --mission b.yaml; allowed: one of"),
         ("fuzz MISSION --replay a.yaml", "--replay a.yaml: a scenario has its own mission"),
         ("evidence --list --row mix", "--list flies none; allowed: that alone"),
+        ("compare a b --out a/run.json", "--out a/run.json: is no page; allowed: a .html file"),
         ("plan MISSION --out MISSION", ": the plan is made from this file; choose another one"),
         ("plan MISSION --fleet fleet.yaml --out fleet.yaml", "--out fleet.yaml: the plan is made"),
     ],

@@ -186,6 +186,19 @@ def test_a_zone_is_placed_on_the_map_by_keys_and_clicks() -> None:
     _play(play, size=(160, 50))
 
 
+@pytest.mark.parametrize("typed", ["hodl", "tune h"])
+def test_an_answer_is_never_cut(typed: str) -> None:
+    """What would be allowed stands whole on a small screen, on as many lines as it needs."""
+
+    async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
+        await pilot.press("colon", *(NAMES.get(key, key) for key in typed), "enter")
+        await settled(pilot)
+        assert len(app._notice) > 60
+        assert app._notice in " ".join(text(app).split())
+
+    _play(play, size=(60, 20))
+
+
 def test_the_command_line_completes_refuses_and_remembers() -> None:
     async def play(app: Dashboard, pilot: Pilot[None], desk: Desk) -> None:
         await pilot.press("colon", "f", "o", "tab", "tab")

@@ -10,8 +10,10 @@ from functools import cache
 from typing import Final
 
 from rich.cells import cell_len, set_cell_size
+from rich.console import Console
 from rich.segment import Segment
 from rich.style import Style
+from rich.text import Text
 
 from swarm_ctl.station.picture.alarms import Level
 
@@ -76,6 +78,18 @@ class StyledLine:
         """Exactly `width` cells, all of them on the background of `name`."""
         segments = Segment.adjust_line_length(self.segments, width)
         return list(Segment.apply_style(segments, style(name))) if name else segments
+
+    def folded(self, console: Console, width: int) -> list[StyledLine]:
+        """Itself, where it fits; else on as many lines as its words need."""
+        if self.width <= width:
+            return [self]
+        words = Text.assemble(*((part.text, part.style or "") for part in self.segments))
+        rows = words.wrap(console, max(8, width - 1))
+        indent = Segment(" ")
+        return [
+            StyledLine.of([indent] * (k > 0) + list(row.render(console)), row.cell_len + (k > 0))
+            for k, row in enumerate(rows)
+        ]
 
     @property
     def text(self) -> str:
