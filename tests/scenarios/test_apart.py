@@ -229,7 +229,7 @@ def ring_error_m(swarm: VirtualSwarm, ids: tuple[int, ...]) -> float:
 @pytest.mark.parametrize("how", ["sent away", on_demand("landed")])
 def test_a_third_leaves_and_the_ring_stands_again_within_15_s(how: str) -> None:
     """Two of six are sent away, or landed: four form the smaller ring; where they come back, it is
-    of six again within 15 s of being near, and nobody comes under r_in."""
+    of six again within 15 s of being near, and no pair comes under r_in."""
     swarm = at_step(closing(), HOLD)
     swarm.run(1.0)
     gone, left = (3, 6), (1, 2, 4, 5)

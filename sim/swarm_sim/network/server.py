@@ -38,7 +38,9 @@ _BATCH = 50
 """Steps done at a stretch while catching up, before sockets are looked at again."""
 _STOP_S, _STOP_WALL_S, _SPRINT = 0.5, 0.2, 1.25
 """After a stop of so much mission time and wall-clock time, the world goes on at most so many times
-as fast as the clock until it has caught up."""
+as fast as the clock until it has caught up. A PX4 waits 1 s for a setpoint: an agent that wakes
+later than the simulator has 0.8 s for it. At twice the clock it had 0.5 s, and lost its vehicle on
+a busy machine at `--speedup 2`."""
 _GATHER_S = 0.005
 """Wall-clock time for which datagrams gather after a first one; none waits beyond the next step."""
 _REST_WALL_S, _LATE_WALL_S = 2e-4, 2.0

@@ -169,6 +169,7 @@ class CommandHandler:
             return unknown
         if command.plan_hash not in (0, self._hash):
             return f"it was made for the plan {command.plan_hash:016x}, ours is {self._hash:016x}"
+        # a change of law or zones is for all that fly: a refusal would keep it from the others
         if self._id in self.expelled and check is not None and command.kind not in _AT_ANY_TIME:
             return f"agent {self._id} is expelled; allowed now: readmit, land, return, kill"
         if check is None:

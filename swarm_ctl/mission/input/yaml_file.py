@@ -303,7 +303,7 @@ _OURS: Final = (
     ("study", "missions", {"agents", "shapes", "origin"}),
     ("fleet", "agents", {"name", "shapes", "origin", "law"}),
 )
-"""A kind of file, a field that it has, and what only a mission has that is not finished."""
+"""A kind of file, a field that it has, and fields that say it is a mission without its steps."""
 _PLAN: Final = "a plan file"
 _KINDS: Final = (
     ("PK\x03\x04", "", "a zip archive (a Skybrush show or a .kmz)"),

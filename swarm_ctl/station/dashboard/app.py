@@ -309,13 +309,11 @@ class Dashboard(App[None]):
 
     def _draw_below(self) -> None:
         """The lines below the screen: all that a key on the command line changes."""
-        picture = self.picture
+        picture, width = self.picture, self.size.width
         if picture is not None:
-            width = self.size.width
             lines = self._words_below(picture).folded(self.console, width)
             self.query_one("#answers", Painted).paint(lines, "", width)
         if self._question is not None:
-            width = self.size.width
             lines = self._question.lines(width, answered=self._question_seen)
             self.query_one("#question", Painted).paint(lines, ALARM_STYLE[Level.ERROR], width)
 

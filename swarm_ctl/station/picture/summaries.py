@@ -174,10 +174,10 @@ def meant_by(command: CommandView, view: SwarmView) -> tuple[int, ...]:
 def _answers_for_all(agent: AgentView, command: CommandView) -> bool:
     """It has left the formation, and answers an order that ends the mission all the same."""
     ack, state = command.acks.get(agent.id), agent.state
-    down = state is None or state.down
+    spared = state is None or state.down
     if state is not None and command.command.kind in (CommandKind.RETURN, CommandKind.RESUME):
-        down = down or state.left in ENDING
-    return ack is not None and (ack.accepted or not down)
+        spared = spared or state.left in ENDING  # it comes down already
+    return ack is not None and (ack.accepted or not spared)
 
 
 def answers(command: CommandView, view: SwarmView) -> str:
