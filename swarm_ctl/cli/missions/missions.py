@@ -96,6 +96,7 @@ def plan(
     from swarm_ctl.mission.compile.forecast import forecast, refuse_too_close
     from swarm_ctl.mission.compile.loader import load
     from swarm_ctl.mission.compile.plan_file import named_by_hash, plan_to_json
+    from swarm_ctl.mission.fleet.fleet_file import file_of
     from swarm_ctl.runfolder.files import write_whole
 
     console = PlainConsole()
@@ -103,7 +104,7 @@ def plan(
     console.warn(loaded.warnings)
     refuse_too_close(loaded, forecast(loaded.plan))
     require_writable(out, "choose with --out")
-    for read in (mission, fleet):
+    for read in (mission, fleet or file_of(mission)):
         if read is not None and out.exists() and read.exists() and out.samefile(read):
             raise InputError(f"--out {out}: the plan is made from this file; choose another one")
     write_whole(out, plan_to_json(loaded.plan, loaded.fleet))

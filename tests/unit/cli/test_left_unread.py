@@ -26,6 +26,7 @@ TRACK, NMEA = "target boat --from a.csv", "target boat --from nmea:tcp:127.0.0.1
         ("compare a b --out a/run.json", "--out a/run.json: is no page; allowed: a .html file"),
         ("plan MISSION --out MISSION", ": the plan is made from this file; choose another one"),
         ("plan MISSION --fleet fleet.yaml --out fleet.yaml", "--out fleet.yaml: the plan is made"),
+        ("plan with.yaml --out fleet.yaml", "--out fleet.yaml: the plan is made from this file"),
     ],
 )
 def test_what_would_be_left_unread_is_refused(
@@ -41,6 +42,8 @@ def test_what_would_be_left_unread_is_refused(
     shutil.copy(MISSIONS / "hexagon.yaml", "hexagon.yaml")
     fleet = "version: 1\nagents:\n" + "".join(f"  - {{id: {k}}}\n" for k in range(1, 7))
     Path("fleet.yaml").write_text(fleet)
+    bare = Path("hexagon.yaml").read_text().partition("\nfleet:")[0]
+    Path("with.yaml").write_text(f"{bare}\nfleet: fleet.yaml\n")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     words = arguments.replace("MISSION", "hexagon.yaml").split()
     monkeypatch.setattr("sys.argv", ["swarm-ctl", *words])
