@@ -221,16 +221,18 @@ def _gains(agents: tuple[AgentView, ...]) -> Gains | None:
     return max(told, key=lambda status: status.time_s).gains if told else None
 
 
+_GOES_HOME: Final = (Phase.LAND, Phase.RETURN, Phase.ENDED)
 _TAKEN_S: Final = 1.0
 """By then all agents that hear a command fly it, and have said so."""
 
 
 def _held_alone(view: SwarmView, limit_s: float) -> Found:
     """Agents that fly a command which was not given to all, or that not all have taken; but for
-    those that were sent to a point, for whom nobody waits."""
+    those that were sent to a point, for whom nobody waits, and those that land since."""
     flying = [agent for agent in view.agents if agent.live and agent.state is not None]
     flying = [a for a in flying if a.state and a.state.left is not CommandKind.GOTO]
-    tags = {a.id: a.state.override for a in flying if a.state and a.state.override}
+    up = [a for a in flying if a.state and a.state.phase not in _GOES_HOME]
+    tags = {a.id: a.state.override for a in up if a.state and a.state.override}
     if tags and len(tags) < len(flying):
         to_all = {c.command.tag: c.received_s for c in view.commands if not c.command.agents}
         newest_s = max(to_all.values(), default=-math.inf)

@@ -157,8 +157,9 @@ def test_a_collision_comes_first_with_pair_time_distance_and_step(run: Path) -> 
 
 
 def test_a_collision_of_an_earlier_truth_finds_its_pair(run: Path) -> None:
-    lines = [_event(30.0, 12, "collision"), _event(30.0, 15, "collision")]
-    assert _changed(run, _same, *lines).findings[0].agents == (2, 5)
+    pairs = ((25.0, 11), (25.0, 16), (30.0, 12), (30.0, 15))
+    lines = [_event(time_s, sysid, "collision") for time_s, sysid in pairs]
+    assert [each.agents for each in _changed(run, _same, *lines).findings] == [(1, 6), (2, 5)]
 
 
 def test_a_pair_under_r_in_is_a_failure(run: Path) -> None:
@@ -225,12 +226,15 @@ def test_coming_down_before_the_landing(run: Path) -> None:
     )
 
 
-@pytest.mark.parametrize(("away_m", "outcome"), [(2.9, "completed"), (3.1, "failed")])
-def test_a_landing_elsewhere(run: Path, away_m: float, outcome: str) -> None:
-    """It drifts away while it comes down."""
+@pytest.mark.parametrize(
+    ("away_m", "from_s", "outcome"),
+    [(2.9, TOUCHDOWN, "completed"), (3.1, TOUCHDOWN, "failed"), (3.1, LAND + 5.0, "completed")],
+)
+def test_a_landing_elsewhere(run: Path, away_m: float, from_s: float, outcome: str) -> None:
+    """It drifts away while it comes down; before it sinks it may."""
 
     def drift(line: Line, t: float) -> None:
-        if t > TOUCHDOWN - 0.05:
+        if t > from_s - 0.05:
             line["ned"][2][0] += away_m
 
     summary = _changed(run, _states(drift))

@@ -409,11 +409,11 @@ def test_a_command_to_some_is_told_with_its_sender(heard: bool, who: str) -> Non
     assert f"held by a command ({who})" in alarm.words
 
 
-def test_who_was_sent_to_a_point_holds_nobody() -> None:
+@pytest.mark.parametrize("since", [{"left": CommandKind.GOTO}, {"phase": Phase.LAND}])
+def test_who_was_sent_to_a_point_or_lands_holds_nobody(since: dict[str, Any]) -> None:
     """The others go on without it."""
     model = flying_model(PLAN)
-    sent = {"override": 7, "left": CommandKind.GOTO}
-    model.fold(state_of(PLAN, 4, 30.02, 2000, **sent), 30.03)
+    model.fold(state_of(PLAN, 4, 30.02, 2000, override=7, **since), 30.03)
     assert all(each.name != "held alone" for each in alarms(model.view(30.03)))
 
 
