@@ -173,5 +173,6 @@ def test_who_is_the_last_to_fly_an_ordered_shape_keeps_it(swarm: Fly) -> None:
     for agent in (1, 2):
         program.resume(agent)
     run = program.finish()
+    assert "waits for agents 2-3, which a command holds: 120 s at most" in run.texts
     assert "no other agent flies the commanded form" in run.texts
     assert run.outcomes == dict.fromkeys((1, 2, 3), "completed")

@@ -303,11 +303,10 @@ class Group:
         held = [p.id for p in peers if p.held and p.left is None]
         if not held and not self._held_since:
             return
-        for agent in held:
-            if agent not in self._held_since:
-                pause_s = self._policies.override_pause_s
-                text = f"waits for agent {agent}, which a command holds: {pause_s:g} s at most"
-                self._log.say(tick.now, Severity.INFO, text)
+        if new := [agent for agent in held if agent not in self._held_since]:
+            who, pause_s = agents_named(new), self._policies.override_pause_s
+            text = f"waits for {who}, which a command holds: {pause_s:g} s at most"
+            self._log.say(tick.now, Severity.INFO, text)
         self._held_since = {agent: self._held_since.get(agent, tick.now) for agent in held}
 
     def _watch_alone(self, tick: Tick, own_override: int) -> None:
