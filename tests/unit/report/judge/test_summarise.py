@@ -324,9 +324,12 @@ def test_agents_that_lived_on_unheard_are_a_mesh_that_fell_apart(run: Path) -> N
     )
 
 
-@pytest.mark.parametrize("age_s", [None, 20.0])
+@pytest.mark.parametrize(
+    ("age_s", "cause"),
+    [(None, Cause.VEHICLE_LINK), (20.0, Cause.VEHICLE_LINK), (None, Cause.TIMEOUT)],
+)
 def test_an_agent_that_lost_its_vehicle_is_no_mesh_that_fell_apart(
-    run: Path, age_s: float | None
+    run: Path, age_s: float | None, cause: Cause
 ) -> None:
     """Its serial port was gone: it had no position, so no state to send."""
     why = "no heartbeat from the vehicle for 5 s"
@@ -336,9 +339,9 @@ def test_an_agent_that_lost_its_vehicle_is_no_mesh_that_fell_apart(
         made = account(i, outcome=Outcome.FAILED, reason=reason, links=links)
         write_status(run, replace(made, cause=Cause.PEER))
     made = account(4, outcome=Outcome.FAILED, reason=why)
-    write_status(run, replace(made, cause=Cause.VEHICLE_LINK, heartbeat_age_s=age_s))
+    write_status(run, replace(made, cause=cause, heartbeat_age_s=age_s))
     summary = summarise(run, EXIT_CODES)
-    assert summary.cause is Cause.VEHICLE_LINK
+    assert summary.cause is cause
     assert summary.reason.startswith(f"agent 4: {why}")
 
 
@@ -548,6 +551,8 @@ def test_a_formation_is_judged_by_who_has_which_slot(run: Path) -> None:
     assert summary.time_to_form_s is not None  # before the exchange
     assert summary.safety is not None
     assert summary.safety.exchanges == 1
+    write_manifest(run, manifest(replace(PLAN, safety=replace(PLAN.safety, filter=False))))
+    assert summarise(run, EXIT_CODES).safety is None
     errors = read_history(run).errors()
     assert math.dist(
         errors[int(FORMED * 10) + 1, 1], errors[int(FORMED * 10) + 1, 0]
