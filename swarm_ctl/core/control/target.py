@@ -23,6 +23,7 @@ from swarm_ctl.core.model.messages import Phase, Severity, TargetWord
 from swarm_ctl.core.model.plan import Geodetic, Plan
 from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.targets import (
+    CLEAR_M,
     LATE_S,
     PREDICTED_S,
     SELDOM_S,
@@ -69,8 +70,6 @@ _SAID_S: Final = 5.0
 _FASTEST_MPS: Final = 60.0
 _VAGUE_M: Final = 30.0
 """A word of a place that is known no better leads nobody."""
-_HEIGHT_M: Final = 5.0
-"""A target whose height is known is kept clear of within so much of the own height."""
 
 
 class Sighting(NamedTuple):
@@ -408,7 +407,7 @@ class Targets:
                 continue
             if target.way_m and not known.fresh:  # its step is over: no agent plays it any more
                 continue
-            if known.height_m is not None and abs(known.height_m + down_m) > _HEIGHT_M:
+            if known.height_m is not None and abs(known.height_m + down_m) > CLEAR_M:
                 continue
             # as stop points are ahead of vehicles, its place is ahead of it
             stop, velocity, _ = known.ahead(self._response_s)

@@ -19,6 +19,8 @@ STANDS_MPS: Final = 0.5
 """A target that is slower has no course."""
 LATE_S: Final = 1.0
 """A word that was older when it came counts as so old."""
+CLEAR_M: Final = 5.0
+"""A target whose height is known is kept clear of within so much of the own height."""
 
 
 @dataclass(frozen=True, slots=True)

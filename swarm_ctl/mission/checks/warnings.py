@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Final
 
+from swarm_ctl.core.kernel.constraints import margins_of
 from swarm_ctl.core.kernel.heights import in_wake, wake_mps
 from swarm_ctl.core.law import graph
 from swarm_ctl.core.law.formation import smallest_distance
@@ -16,7 +17,7 @@ from swarm_ctl.core.model.plan import Compensation, Plan, PlannedStep, Point, Po
 from swarm_ctl.core.model.planned_formation import PlannedFormation
 from swarm_ctl.core.model.route import flight_s
 from swarm_ctl.core.model.steps.follow import FollowStep
-from swarm_ctl.core.model.targets import TargetPlan
+from swarm_ctl.core.model.targets import CLEAR_M, TargetPlan
 from swarm_ctl.core.safety.fence import inside
 from swarm_ctl.core.swarm.radio import LEAST_HZ, budget
 from swarm_ctl.law_loader import own_law
@@ -235,13 +236,18 @@ def _limits_at_once(_mission: MissionFile, plan: Plan) -> Findings:
         yield Mistake(("policies", "battery_reserve_percent"), what, "")
 
 
-def _played_targets(_mission: MissionFile, plan: Plan) -> Findings:
-    """Those that the formation can't keep up with, or may not follow."""
-    played = {target.name: target for target in plan.targets if target.way_m}
+def _targets(_mission: MissionFile, plan: Plan) -> Findings:
+    """Those that places of the formation are too near to; of those that are played, the ones that
+    it can't keep up with, or may not follow."""
+    of = {target.name: target for target in plan.targets}
     for at in plan.all_steps():
         step = at.step.follows
-        target = played.get(step.target) if step is not None else None
-        if step is None or target is None:
+        if step is None:
+            continue
+        target = of[step.target]
+        if what := _too_near(target, step, at):
+            yield Mistake((*place_of(at), "target"), what, "")
+        if not target.way_m:
             continue
         if target.speed_mps > step.speed_mps:
             what = (
@@ -251,6 +257,29 @@ def _played_targets(_mission: MissionFile, plan: Plan) -> Findings:
             yield Mistake((*place_of(at), "target"), what, "")
         if what := _outside_with(target, step, at):
             yield Mistake((*place_of(at), "target"), f"{what}: the formation waits inside", "")
+
+
+def _too_near(target: TargetPlan, step: FollowStep, at: PlannedStep) -> str:
+    """Which place of the formation its agent keeps off, since it keeps clear of the target; ''."""
+    above_m, formation, plan = step.above_m, at.before, at.plan
+    if above_m is None and target.height_m is not None:
+        above_m = formation.height_m - target.height_m
+    if above_m is None or target.agent:
+        return ""
+    margins = margins_of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m)
+    near_m, offset = margins.keep_out + margins.zone, complex(*step.offset_m)
+    for place, up_m in zip(formation.places_m((0.0, 0.0)), formation.heights_m, strict=True):
+        slot, over_m = complex(*place), above_m + up_m - formation.height_m
+        room_m = abs(abs(slot) - abs(offset)) if step.in_course else abs(slot + offset)
+        if room_m < near_m and abs(over_m) <= CLEAR_M:
+            where = f"{room_m:.1f} m beside {target.name} and {abs(over_m):.1f} m"
+            where += " above it" if over_m >= 0.0 else " below it"
+            return (
+                f"a place of the formation is {where}: its agent keeps clear of it, so the shape is"
+                f" not kept; allowed: {near_m:.1f} m beside it, or more than {CLEAR_M:g} m above or"
+                " below it"
+            )
+    return ""
 
 
 def _outside_with(target: TargetPlan, step: FollowStep, at: PlannedStep) -> str:
@@ -476,6 +505,6 @@ _WARNINGS: tuple[Callable[[MissionFile, Plan], Findings], ...] = (
     _crowded_groups,
     _grounded_groups,
     _limits_at_once,
-    _played_targets,
+    _targets,
     _doubtful_steps,
 )

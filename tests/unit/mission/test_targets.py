@@ -1,4 +1,4 @@
-"""What is warned of where a played target is to be followed."""
+"""What is warned of where a target is to be followed."""
 
 from __future__ import annotations
 
@@ -41,3 +41,27 @@ def test_a_played_target_that_cannot_be_followed_is_warned_of(
     said = [each.partition("follow.target: ")[2] for each in found]
     waits = ": the formation waits inside" if "leaves the fence" in warning else ""
     assert said == ([warning + waits] if warning else [])
+
+
+@pytest.mark.parametrize(
+    ("boat", "more", "near"),
+    [
+        ("height_m: 0", "above_m: 5", "0.0 m beside boat and 5.0 m above it"),
+        ("height_m: 0", "above_m: 5.1", ""),
+        ("", "above_m: 5", "0.0 m beside boat and 5.0 m above it"),
+        ("", "", ""),
+        ("height_m: 12", "", "0.0 m beside boat and 2.0 m below it"),
+        ("height_m: 12", "offset: [1, 0]", "5.0 m beside boat and 2.0 m below it"),
+        ("height_m: 12", "offset: [2, 0]", ""),
+        ("height_m: 12", "offset: [2, 0], offset_in: course", "0.0 m beside boat and 2.0 m below"),
+        ("agent: 1, height_m: 12", "", ""),
+    ],
+)
+def test_a_place_that_its_agent_keeps_off_is_warned_of(boat: str, more: str, near: str) -> None:
+    """Within 5 m of the target's height agents keep clear of it; of an agent they do as peers."""
+    follows, lost = FOLLOWS.replace("MORE", more), ("agent_lost: land", "agent_lost: continue")
+    text = edited(("  - land\n", follows), lost)
+    found = loads(f"{text}targets: {{boat: {{{boat}}}}}\n").warnings
+    said = [each.partition("a place of the formation is ")[2] for each in found if "clear" in each]
+    allowed = ": its agent keeps clear of it, so the shape is not kept; allowed: "
+    assert [each.partition(allowed)[0].startswith(near) for each in said] == [True] * bool(near)
