@@ -280,7 +280,8 @@ def _ring(key_expression: str) -> Any:
 
 
 class RingInlet(Inlet):
-    """A polled zenoh subscription; received at `drain`."""
+    """A polled zenoh subscription; received at the end of `drain`: a control loop that is stopped
+    while it reads hears nothing from the future."""
 
     def __init__(self, subscriber: Any, now: Callable[[], float]) -> None:
         self._receive = subscriber.try_recv
@@ -288,11 +289,11 @@ class RingInlet(Inlet):
         self._undeclare = subscriber.undeclare
 
     def drain(self) -> list[Message]:
+        samples: list[Any] = []
+        while len(samples) < QUEUE and (sample := self._receive()) is not None:
+            samples.append(sample)
         now = self._now()
-        taken: list[Message] = []
-        while len(taken) < QUEUE and (sample := self._receive()) is not None:
-            taken.append((now, str(sample.key_expr), sample.payload))
-        return taken
+        return [(now, str(sample.key_expr), sample.payload) for sample in samples]
 
     def end(self) -> None:
         self._undeclare()

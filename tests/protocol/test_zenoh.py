@@ -3,16 +3,18 @@ the time of `drain`."""
 
 from __future__ import annotations
 
+import itertools
 import socket
 import time
 from contextlib import ExitStack, closing
+from types import SimpleNamespace
 
 import pytest
 
 from swarm_ctl.mesh.keys import NEWEST
 from swarm_ctl.mesh.transport import Inlet
 from swarm_ctl.mesh.zenoh_config import read_settings
-from swarm_ctl.mesh.zenoh_transport import TimedInlet, ZenohTransport
+from swarm_ctl.mesh.zenoh_transport import RingInlet, TimedInlet, ZenohTransport
 
 PATIENCE_S = 20.0
 
@@ -48,6 +50,21 @@ def test_the_time_of_receipt() -> None:
     finally:
         there.close()
         here.close()
+
+
+def test_a_loop_that_is_stopped_while_it_reads_hears_nothing_from_the_future() -> None:
+    """What is sent meanwhile has not come before it was sent: else an agent of the same clock takes
+    it for the word of a second sender."""
+    clock = itertools.count(1.0)
+    sent = [SimpleNamespace(key_expr="test/2/word", payload=b"") for _ in range(3)]
+
+    def receive() -> SimpleNamespace | None:
+        next(clock)
+        return sent.pop() if sent else None
+
+    subscriber = SimpleNamespace(try_recv=receive, undeclare=None)
+    heard = RingInlet(subscriber, lambda: next(clock)).drain()
+    assert [received_s for received_s, _, _ in heard] == [5.0, 5.0, 5.0]
 
 
 @pytest.mark.parametrize("gossip", [False, True])

@@ -51,9 +51,6 @@ _ECHOES: Final = 16
 """In one word; of more peers, those come first that have waited longest. A hundred agents are
 through in 1.4 s while one asks; then in 7 s, in which bounds loosen by 7 ms."""
 _ROUNDING_S: Final = 1e-6
-_READ_S: Final = 0.05
-"""A receiver notes the time, then reads, and may be stopped in between: on one clock, too, a state
-may come from so much later."""
 
 
 class PeerClock:
@@ -160,16 +157,15 @@ class SharedClock(PeerClock):
         return (0.0, 0.0) if self not in self._apart else super().bounds(now)
 
     def beyond(self, told_s: float, received_s: float) -> float:
-        """As of any clock; 0 for what the receiver's pace explains."""
+        """As of any clock."""
         if self in self._apart:
             return super().beyond(told_s, received_s)
-        ahead_s = told_s - received_s
-        return ahead_s if ahead_s > _READ_S else 0.0
+        return max(0.0, told_s - received_s - _ROUNDING_S)
 
     def told(self, told_s: float, received_s: float) -> None:
         """As of any clock, and whether it is the own one."""
         ahead_s = told_s - received_s
-        if -_LATE_S <= ahead_s <= _READ_S:
+        if -_LATE_S <= ahead_s <= _ROUNDING_S:
             self._late_since_s = self.unknown_s = None
             self._apart.discard(self)
             return
