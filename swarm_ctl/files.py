@@ -70,23 +70,39 @@ def replacing(path: Path, mode: int = 0o666, *, durable: bool = False) -> Iterat
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     part = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
-    try:
+    with named(path, part):
         descriptor = os.open(part, flags, mode)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from None
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            yield file
-            _keep_mode(path, file.fileno())
-            if durable:
-                file.flush()
-                os.fsync(file.fileno())
-        part.replace(path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
+        try:
+            with os.fdopen(descriptor, "wb") as file:
+                yield file
+                _keep_mode(path, file.fileno())
+                if durable:
+                    file.flush()
+                    os.fsync(file.fileno())
+            part.replace(path)
+        except BaseException:
+            part.unlink(missing_ok=True)
+            raise
     if durable:
         _sync_folder(path.parent)
+
+
+@contextlib.contextmanager
+def named(path: Path, part: Path | None = None) -> Iterator[None]:
+    """An OSError inside that names no file, as that of a write on a full disk, or only `part`,
+    names `path`."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename not in (None, part and str(part)):
+            raise
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from None
+
+
+def append_line(path: Path, line: str) -> None:
+    """Add a line to a file; an OSError names it."""
+    with named(path), path.open("a", encoding="utf-8") as file:
+        file.write(f"{line}\n")
 
 
 def locked(descriptor: int, *, shared: bool = False) -> bool:

@@ -24,9 +24,10 @@ from swarm_ctl.cores import cores
 from swarm_ctl.engine.clock import date_and_time, wall_s
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.evidence.claims import ClaimRow, Figure, FlownWith
+from swarm_ctl.files import append_line
 from swarm_ctl.fuzz.campaign import FLIGHTS, DrawnFlight
 from swarm_ctl.installed import commit, version
-from swarm_ctl.runfolder.files import Damage, read_lines
+from swarm_ctl.runfolder.files import Damage, read_lines, write_whole
 from swarm_ctl.study.rows import Row, read_rows, study_of
 from swarm_ctl.study.rows_table import exact_interval
 
@@ -95,7 +96,7 @@ class Evidence:
         journal = folder / JOURNAL
         if not journal.exists():
             folder.mkdir(parents=True, exist_ok=True)
-            journal.write_text(json.dumps(self.made) + "\n", encoding="utf-8")
+            write_whole(journal, json.dumps(self.made) + "\n")
             return
         head, *lines = list(read_lines(journal, Damage())) or [b""]
         if head.decode().strip() != json.dumps(self.made):
@@ -120,8 +121,7 @@ class Evidence:
             if before is None or before.row != _digest(row):
                 yield row, None
                 again = self._fly(row)
-                with (self.folder / JOURNAL).open("a", encoding="utf-8") as file:
-                    file.write(again.model_dump_json() + "\n")
+                append_line(self.folder / JOURNAL, again.model_dump_json())
                 if again.state != NOT_FLOWN:
                     self.done[row.name] = again
                 yield row, again

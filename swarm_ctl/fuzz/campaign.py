@@ -27,11 +27,13 @@ from swarm_ctl.engine.launch.flight_process import FlightProcess, ProgramFlight
 from swarm_ctl.engine.launch.run_setup import Lockstep, RunOptions
 from swarm_ctl.engine.station.screens import Show
 from swarm_ctl.errors import InputError, StartError
+from swarm_ctl.files import append_line
 from swarm_ctl.fuzz.coverage import Coverage, CoverageCell, cells_of
 from swarm_ctl.fuzz.draw.scenario import draw
 from swarm_ctl.fuzz.invariants.table import Broken, Invariant, broken
 from swarm_ctl.installed import version
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps
+from swarm_ctl.runfolder.files import write_whole
 from swarm_ctl.signals import deaf_children, deaf_tracker, hears
 from swarm_ctl.virtual.as_processes import run_script
 from swarm_ctl.virtual.scenario import Scenario
@@ -131,11 +133,11 @@ class Campaign:
         path = self.folder / FLIGHTS
         if not path.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
-            path.write_text(json.dumps(self._head()) + "\n", encoding="utf-8")
+            write_whole(path, json.dumps(self._head()) + "\n")
             return
         text = path.read_text(encoding="utf-8")
         if not text.endswith("\n"):  # cut off while it was written: the next line is its own
-            path.write_text(f"{text}\n", encoding="utf-8")
+            append_line(path, "")
         head, *lines = text.splitlines() or [""]
         if head != json.dumps(self._head()):
             raise InputError(
@@ -157,7 +159,7 @@ class Campaign:
         """Fly those that are missing of so many, each as it is done. At `until_s` of `wall_s` it
         ends; flights that are not done by then are lost. StartError: a process that flies died."""
         workers = processes or cores()
-        with _pool(workers) as each, (self.folder / FLIGHTS).open("a", encoding="utf-8") as file:
+        with _pool(workers) as each:
             for first in range(0, flights, BATCH):
                 numbers = range(first, min(first + BATCH, flights))
                 missing = [number for number in numbers if number not in self.done]
@@ -166,8 +168,7 @@ class Campaign:
                 wanted = self.coverage(first)
                 drawn = self.seed, wanted, self.mission
                 for flight in each(partial(_flight, *drawn, self.lockstep), missing):
-                    file.write(flight.line() + "\n")
-                    file.flush()
+                    append_line(self.folder / FLIGHTS, flight.line())
                     self.done[flight.number] = flight
                     yield flight
                     if wall_s() >= until_s:

@@ -54,11 +54,8 @@ def read_lines(path: Path, damage: Damage) -> Iterator[bytes]:
 
 def write_whole(path: Path, text: str) -> None:
     """Replace a file in one move, so that no reader finds a part of it; its permissions stay."""
-    try:
-        with replacing(path) as file:
-            file.write(text.encode())
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from None
+    with replacing(path) as file:
+        file.write(text.encode())
 
 
 _Model = TypeVar("_Model", bound=BaseModel)

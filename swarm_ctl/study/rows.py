@@ -20,6 +20,8 @@ from pydantic import ValidationError
 
 from swarm_ctl.core.kernel.law import STATUSES
 from swarm_ctl.errors import InputError
+from swarm_ctl.files import named
+from swarm_ctl.runfolder.files import write_whole
 from swarm_ctl.study import parquet_parts
 from swarm_ctl.study.batch.batch import Batch, blocks
 from swarm_ctl.study.batch.batch_flight import BatchResult
@@ -104,14 +106,15 @@ class _CsvFile:
     def __init__(self, path: Path, study: Study) -> None:
         self._path = path
         if not path.exists() or not path.stat().st_size:
-            path.write_text(",".join(COLUMNS) + "\n")
+            with named(path):
+                path.write_text(",".join(COLUMNS) + "\n")
         self._next = _whole_blocks(path, study)
         self.missing = range(self._next, len(blocks(study)))
         self._early: dict[int, list[Row]] = {}
 
     def add(self, block: int, rows: list[Row]) -> None:
         self._early[block] = rows
-        with self._path.open("a") as file:
+        with named(self._path), self._path.open("a") as file:
             while self._next in self._early:
                 file.write(to_csv(self._early.pop(self._next)))
                 self._next += 1
@@ -125,7 +128,8 @@ class _ParquetFolder:
         self.missing = [k for k in range(len(blocks(study))) if k not in there]
 
     def add(self, block: int, rows: list[Row]) -> None:
-        parquet_parts.write_part(self._path, block, rows)
+        with named(self._path):
+            parquet_parts.write_part(self._path, block, rows)
 
 
 def has_rows(path: Path, study: Study) -> bool:
@@ -146,7 +150,7 @@ def rows_file(path: Path, study: Study) -> RowsFile:
     """
     if not has_rows(path, study):
         path.parent.mkdir(parents=True, exist_ok=True)
-        _about(path).write_text(study.model_dump_json(indent=1) + "\n")
+        write_whole(_about(path), study.model_dump_json(indent=1) + "\n")
     return _ParquetFolder(path, study) if _is_parquet(path) else _CsvFile(path, study)
 
 

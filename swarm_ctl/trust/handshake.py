@@ -94,7 +94,10 @@ def load_pair(context: ssl.SSLContext, certificate: Path, key: Path) -> None:
     except ssl.SSLError as error:
         if error.reason == "KEY_VALUES_MISMATCH":
             raise TrustError(f"{key}: is not the key of {certificate}; allowed: its own") from None
-        raise TrustError(f"{certificate}, {key}: no certificate and key: {error}") from None
+        files = ", ".join(map(str, dict.fromkeys((certificate, key))))
+        raise TrustError(
+            f"{files}: no certificate and key; allowed: as `swarm-ctl trust` made it"
+        ) from None
 
 
 def certificate_of(fields: Mapping[str, Any]) -> Certificate:

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from swarm_ctl.files import replacing
+from swarm_ctl.files import append_line, replacing
+
+FULL = Path("/dev/full")
 
 
 @pytest.mark.parametrize("name", [".", "folder", "none/page.html"])
@@ -19,3 +21,14 @@ def test_a_place_that_can_not_be_written_is_named_itself(name: str, tmp_path: Pa
         pass
     assert caught.value.filename == str(path)
     assert sorted(each.name for each in tmp_path.rglob("*")) == ["folder"]
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="no /dev/full on this system")
+def test_of_a_full_disk_the_file_is_named(tmp_path: Path) -> None:
+    """A write's own error has no name; one that has the name of another file keeps it."""
+    with pytest.raises(OSError, match=str(FULL)):
+        append_line(FULL, "a line")
+    for name, said in ((None, str(tmp_path / "page.html")), ("its source", "its source")):
+        with pytest.raises(OSError, match=said), replacing(tmp_path / "page.html"):
+            raise OSError(28, "No space left on device", name)
+    assert not list(tmp_path.iterdir())

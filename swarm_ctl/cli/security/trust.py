@@ -451,7 +451,7 @@ def _table(last: str) -> Table:
     """Of members, within 80 columns."""
     table = Table(box=None, pad_edge=False)
     for title in ("member", "common name", "until (UTC)", "address", last):
-        table.add_column(title)
+        table.add_column(title, overflow="fold")
     return table
 
 

@@ -248,14 +248,16 @@ FIGURES: Final[tuple[tuple[str, Callable[[RunHistory], Figure | None]], ...]] = 
 def overlay(histories: Sequence[RunHistory]) -> Figure:
     """Smallest distance and formation error of several runs in one figure, time counted from the
     first form step."""
-    made, (near, away) = grid("Smallest distance and formation error", 2, 1, 7.0, 4.8)
-    known = False
+    count = len(histories)
+    height = 4.4 + 0.2 * count  # a line of the legend each
+    made, (near, away) = grid("Smallest distance and formation error", 2, 1, 7.0, height)
+    known, broader = False, min(1.4, 7.0 / count)
     for k, history in enumerate(histories):
         times = history.flight.time_s - history.first_form_s()
         largest = -least(-np.linalg.norm(history.deviations(), axis=-1))
         known |= bool((largest > 0).any())
         # equal runs lie over each other: each one beneath is broader
-        style = {"linewidth": 1.2 + 1.4 * (len(histories) - 1 - k), **line_style(k)}
+        style = {"linewidth": 1.2 + broader * (count - 1 - k), **line_style(k)}
         name = printable(history.name).replace("$", r"\$")  # else matplotlib reads a formula
         near.plot(times, least(history.nearest()), label=name, **style)
         away.plot(times, largest, **style)

@@ -155,9 +155,9 @@ def make_comparison(folders: Sequence[Path], path: Path) -> Path:
 
 def comparison_table(folders: Sequence[Path]) -> Table:
     """The numbers of several runs for a terminal."""
-    table = Table("")
-    for folder in folders:
-        table.add_column(Text(printable(folder.resolve().name)))
+    table = Table()
+    for name in ("", *(folder.resolve().name for folder in folders)):
+        table.add_column(Text(printable(name)), overflow="fold")
     for row in _rows([_summary(folder) for folder in folders]):
         table.add_row(*(Text(cell) for cell in row))
     return table

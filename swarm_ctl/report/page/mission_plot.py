@@ -22,10 +22,8 @@ def plot(plan: Plan, file: Path) -> None:
     _draw(plan, axes)
     try:
         write(made, file)
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"--plot {file}: {error}; allowed: a .png, .svg or .pdf that can be written"
-        ) from None
+    except ValueError as error:
+        raise InputError(f"--plot {file}: {error}; allowed: a .png, .svg or .pdf") from None
 
 
 def _draw(plan: Plan, axes: Any) -> None:

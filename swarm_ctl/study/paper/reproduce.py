@@ -16,6 +16,7 @@ import numpy as np
 from rich.console import Console
 
 from swarm_ctl.core.model.plan import LawParameters
+from swarm_ctl.files import named
 from swarm_ctl.study.batch.batch import Batch, draw, unit_shape
 from swarm_ctl.study.batch.batch_flight import fly
 from swarm_ctl.study.batch.flight import STUCK_MPS
@@ -108,7 +109,8 @@ def reproduce(
         collisions_table(folder, few, processes, console),
         failing_cases_table(folder, few, processes, console),
     )
-    with (folder / "claims.txt").open("w") as file:
+    claims = folder / "claims.txt"
+    with named(claims), claims.open("w") as file:
         for target in (console, Console(file=file, width=160)):
             for table in made:
                 target.print(table)

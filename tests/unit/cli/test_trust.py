@@ -46,8 +46,9 @@ def refusal(result: Result) -> str:
     return str(result.exception)
 
 
-def test_from_nothing_to_a_host(call: Call) -> None:
-    """One command makes the keys, one file goes to a host, a check of both is fine."""
+def test_from_nothing_to_a_host(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One command makes the keys, one file goes to a host, a check of both is fine. No file's name
+    is cut on 80 columns."""
     made = call("new", "--fleet", "outdoors.yaml", "--viewer", "tv")
     assert made.exit_code == 0, made.exception
     assert "operator-anna-b.outdoors.e1" in made.output
@@ -58,6 +59,8 @@ def test_from_nothing_to_a_host(call: Call) -> None:
     assert "agent-3.outdoors.e1, until" in host.output
     assert "now delete trust/outdoors/agent-3.bundle" in host.output
     assert call("check", "host/outdoors").exit_code == 0
+    monkeypatch.setenv("COLUMNS", "80")
+    assert "…" not in call("rotate", "--fleet", "outdoors.yaml").output
     assert "is there already" in refusal(call("new", "--fleet", "outdoors.yaml"))
 
 

@@ -4,6 +4,7 @@ small."""
 from __future__ import annotations
 
 import os
+import resource
 from collections import Counter
 from collections.abc import Callable
 from functools import cache
@@ -122,6 +123,18 @@ def test_a_campaign_goes_on_where_it_was_ended(
     assert again.coverage().count("form", "kill") == 10
     with pytest.raises(InputError, match="another --out"):
         Campaign(2, tmp_path).load()
+
+
+def test_a_full_disk_is_named_and_the_campaign_goes_on(tmp_path: Path) -> None:
+    """As a limit of a file's size tells of one: no part of the journal's head is left."""
+    campaign, (soft, hard) = Campaign(1, tmp_path), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10, hard))
+    try:
+        with pytest.raises(OSError, match=FLIGHTS):
+            campaign.load()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    campaign.load()
 
 
 def test_time_ends_a_campaign_within_a_hundred_flights(

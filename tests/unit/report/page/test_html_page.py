@@ -18,7 +18,7 @@ from swarm_ctl.core.model.messages import AgentState, Event, Outcome, Payload, S
 from swarm_ctl.errors import InputError
 from swarm_ctl.recording import RECORDING
 from swarm_ctl.recording.mcap_recorder import McapRecorder
-from swarm_ctl.report.page.figures import FIGURES
+from swarm_ctl.report.page.figures import FIGURES, overlay
 from swarm_ctl.report.page.html_page import PAGE, comparison_table, make_comparison, make_report
 from swarm_ctl.report.page.run_history import read_history
 from tests.unit.plans import steps_of
@@ -219,6 +219,15 @@ def test_text_of_the_run_is_shown_and_never_run(run: Path) -> None:
     shown = console.file.getvalue()  # type: ignore[attr-defined]
     assert "[red]<b>x?[2J" in shown
     assert "\x1b" not in shown
+
+
+def test_many_runs_are_compared_without_a_cut_word(run: Path) -> None:
+    """On 80 columns a run has its whole name. In the figure of all the lines have room beside
+    their names: else matplotlib warns, which is an error here."""
+    console = Console(file=io.StringIO(), width=80)
+    console.print(comparison_table([run] * 6))
+    assert "…" not in console.file.getvalue()  # type: ignore[attr-defined]
+    overlay([read_history(run)] * 24).savefig(io.BytesIO(), dpi=30)
 
 
 def test_no_run_folder_is_an_input_error(tmp_path: Path) -> None:
