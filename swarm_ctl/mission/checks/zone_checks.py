@@ -73,8 +73,6 @@ def on_its_way(at: PlannedStep, place: Place) -> list[Mistake]:
     """The first agent whose planned place after a step, or whose way there, is in a zone, or so
     near to one, or to the fence, that it could not stay there."""
     plan, step, before = at.plan, at.step, at.before
-    if step.climbs_to_m is not None:
-        return []  # over the starts
     ends_m, around = at.after.places_m(), Surroundings.of(plan)
     spans_m = list(zip(before.heights_m, at.after.heights_m, strict=True))
     if step.lands_in_place or ends_m != before.places_m():

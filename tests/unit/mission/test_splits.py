@@ -159,12 +159,14 @@ def test_barriers_in_two_orders_are_refused(
         ("{by: [0, 4]}", [(3, 1, 2, 5.0), (3, 3, 5, 5.0)]),  # agent 2 waits at the barrier, too
         # west does not wait beside east, and agent 5 is there all the time
         ("{by: [0, 4]}\n        - move: {by: [0, -24]}", [(3, 3, 5, 5.0)]),
+        # where a target leads is not known
+        ("{by: [0, 4]}\n        - follow: {target: boat, duration_s: 5}", []),
     ],
 )
 def test_a_place_beside_an_agent_that_stays_may_not_be_reached(
     moves: str, told: list[tuple[int, int, int, float]]
 ) -> None:
-    plan = loads(edited(("{by: [0, -20]}", moves))).plan
+    plan = loads(edited(("{by: [0, -20]}", moves)) + "targets: {boat: {}}\n").plan
     found = [(at.number, agent, other, apart_m) for at, agent, other, apart_m in crowded(plan)]
     assert found == [(*whom, pytest.approx(apart_m)) for *whom, apart_m in told]
 

@@ -98,10 +98,10 @@ def test_a_move_goes_round_a_zone_and_straight_where_every_agent_has_room() -> N
         assert (len(step.way_m) == 1) is (corners == 1)
 
 
-def gate(width: float) -> str:
+def gate(width: float, low: float = 8, high: float = 9) -> str:
     """A wall across the way, from fence to fence, with an opening of so many units."""
     walls = (
-        f"w{k}: {{polygon: [[8, {a}], [9, {a}], [9, {b}], [8, {b}]]}}"
+        f"w{k}: {{polygon: [[{low}, {a}], [{high}, {a}], [{high}, {b}], [{low}, {b}]]}}"
         for k, (a, b) in enumerate([(-20, 0), (width, 20)])
     )
     zones = "zones:\n  " + "\n  ".join(walls) + "\n"
@@ -124,6 +124,17 @@ def test_a_move_without_a_way_is_refused_with_the_gap_that_there_is() -> None:
     assert "there is no way past zone w" in problem.what
     assert "the widest gap is 2.2 m too narrow for vehicles in file" in problem.what
     assert problem.allowed.startswith("a gap of 4.7 m between zones, 3.4 m between a zone and")
+
+
+def test_a_shape_on_both_sides_of_a_wall_is_refused() -> None:
+    """The law leads agents round zones, but for one it has to have a way."""
+    text = gate(0.5, 3.6, 4.4).replace(WIDE[1], WIDE[0])
+    text = text.replace("[0, 2]", "[4, 0]").replace("[0, 4]", "[8, 0]")
+    (problem,) = problems(text)
+    assert problem.field == "step 4, form"
+    place = "25.0 m north, 5.0 m east of the origin"
+    assert problem.what == f"agent 3 has no way past zone w1 to {place}"
+    assert problem.allowed == "a wider gap, or another place"
 
 
 WALL = """\

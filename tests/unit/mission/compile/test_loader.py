@@ -246,6 +246,11 @@ def test_unreadable_fleet_files(
 
 # --- warnings ---
 
+CLOSE = (
+    "agents: agents 1 and 2 start 0.89 units (4.45 m) apart, inside each other's avoidance region"
+    " (law.r_out, 1.5 units (7.5 m)): they may come under law.r_in as they take off in wind"
+)
+
 
 @pytest.mark.parametrize(
     ("edit", "line", "text"),
@@ -253,8 +258,9 @@ def test_unreadable_fleet_files(
         (
             ("[0, 3]", "[0, 1]"),
             11,
-            "agents: agents 1 and 2 start 1 units (5 m) apart, inside each other's avoidance",
+            CLOSE.replace("0.89 units (4.45 m)", "1 units (5 m)") + " of more than 4 m/s",
         ),
+        (("[0, 3]", "[0, 0.89]"), 11, f"{CLOSE}, and as they land there"),
         (
             ("- [0, 4]", "- [0, 5]"),
             27,
@@ -306,6 +312,11 @@ def test_unreadable_fleet_files(
             "law.compensation: none, with kappa",
         ),
         (("  kappa: 20", "  kappa: 20\n  h: 0.3"), 11, "law.h: kappa * h [1/s] is 6, outside"),
+        (
+            ("  kappa: 20", "  kappa: 20\n  h: 0.1\nsafety: {release: false}"),
+            11,
+            "law.h: kappa * h = 2: above 1 the agents block each other more often",
+        ),
         (("shape: row", "shape: ring"), 17, "shapes.row: no step forms it"),
         (
             ("  row:", "  pair: {kind: line, spacing: 3, count: 2}\n  row:"),
