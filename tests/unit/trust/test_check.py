@@ -47,11 +47,13 @@ def test_a_new_folder_is_fine(made: Path) -> None:
 
 
 def test_a_key_that_stays_on_its_host_is_no_fault(trust: Path) -> None:
-    """It is said."""
+    """It is said. Away from the ground, where the folder `ca` is, it is one."""
     (trust / "agent-3/mesh.key").unlink()
     report = check(trust, NOW)
     assert not report.needs_attention
     assert report.members[2].notes == ("its private key is on its own host",)
+    shutil.rmtree(trust / "ca")
+    assert "mesh.key: can't be read" in texts(check(trust, NOW))
 
 
 def chmod(name: str) -> Callable[[Path], None]:
@@ -90,6 +92,7 @@ STAMP_2050 = str(35 * 365 * 86400 * 100_000).encode()
     [
         (chmod("agent-3/mesh.key"), "agent 3: .*mesh.key.*0644.*allowed: 0600"),
         (chmod("agent-3/mavlink.key"), "agent 3: .*mavlink.key.*0644.*allowed: 0600"),
+        (chmod("agent-3/roster.pem"), "agent 3: .*roster.pem.*0644.*allowed: 0600"),
         (chmod("operator-anna"), "operator anna: .*0755.*allowed: 0700"),
         (chmod("ca/ca.key"), "ca.key.*0644.*allowed: 0600"),
         (chmod("agent-1.bundle"), "agent-1.bundle.*0644.*allowed: 0600"),
