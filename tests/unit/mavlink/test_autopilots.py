@@ -446,6 +446,17 @@ def test_a_vehicle_on_the_ground_for_a_moment_only_is_not_disarmed(name: str) ->
 
 
 @both
+def test_a_vehicle_that_does_not_take_the_landing_mode_is_stopped(name: str) -> None:
+    """Before it is asked again: its last velocity stays in force for none of the time."""
+    vehicle = flying(name)
+    vehicle.do_176 = lambda message: 1  # type: ignore[attr-defined]
+    sent = vehicle.run(LandGoal(), 3.0)
+    told = [m for _, m in of(sent, "SET_POSITION_TARGET_LOCAL_NED")]
+    assert len(told) > 2 * len(commands(sent, MODE)) > 0
+    assert {(m.vx, m.vy, m.vz) for m in told} == {(0.0, 0.0, 0.0)}
+
+
+@both
 def test_a_pilot_who_breaks_a_landing_off_keeps_the_vehicle(name: str) -> None:
     vehicle = flying(name)
     vehicle.run(LandGoal(), 1.5)
