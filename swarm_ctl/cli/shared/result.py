@@ -29,7 +29,7 @@ def show_summary(
     from swarm_ctl.report.page.summary_table import brief
     from swarm_ctl.signals import deaf_children
 
-    console.print(brief(summary))
+    console.print(brief(summary), soft_wrap=not console.is_terminal)  # a file's lines are whole
     if report_to is None:
         console.say(f"run folder: {folder}")
         return

@@ -8,7 +8,10 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from swarm_ctl.cli.shared.console import PlainConsole
+from swarm_ctl.cli.shared.result import show_summary
 from swarm_ctl.core.model.messages import Outcome
+from swarm_ctl.engine.interrupts import Interrupts
 from swarm_ctl.report.judge.summarise import summarise
 from swarm_ctl.report.judge.summary import ProtectionSummary, StepVerdict, Summary
 from swarm_ctl.report.page.summary_table import (
@@ -93,6 +96,18 @@ def test_what_was_authenticated_is_said(
     """Nothing of a mesh inside one computer."""
     text = _shown(summary.model_copy(update={"protection": by}))
     assert told in text if told else "protection" not in text
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_lines_are_wrapped_on_a_terminal_alone(
+    summary: Summary, tmp_path: Path, terminal: bool
+) -> None:
+    """In a file the reason is one line, which other programs look for."""
+    console = PlainConsole(file=io.StringIO(), width=80, force_terminal=terminal)
+    reason = " ".join(["why"] * 40)
+    told = summary.model_copy(update={"outcome": Outcome.FAILED, "reason": reason})
+    show_summary(console, tmp_path, told, None, Interrupts())
+    assert (reason in console.file.getvalue()) is not terminal  # type: ignore[attr-defined]
 
 
 def _brief(summary: Summary, width: int = 80) -> str:
