@@ -67,6 +67,7 @@ def evidence(
     flown, states = set[str](), set[str]()
     try:
         for each, again in made.fly(chosen):
+            write_evidence(made, claims)  # all of it takes hours: what there is can be read
             if again is None:
                 flown.add(each.name)
                 console.say(f"{each.name}: {each.command}", style="dim")

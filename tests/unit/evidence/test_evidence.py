@@ -161,6 +161,22 @@ def test_a_row_is_flown_once_and_one_whose_figure_moved_ends_with_1(
     assert "moved" in (tmp_path / PAGE).read_text()
 
 
+def test_the_page_can_be_read_while_a_row_is_flown(
+    one_row: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pages: list[str] = []
+
+    def run(_words: Any, _log: Any) -> int:
+        pages.append((tmp_path / PAGE).read_text())
+        return 1
+
+    monkeypatch.setattr(flown, "_run", run)
+    one_row(row("s"))
+    assert CliRunner().invoke(app, ["evidence", "--row", "fast", "--out", str(tmp_path)]).exit_code
+    assert "failed" not in pages[0].partition("<h1>")[2]
+    assert "failed" in (tmp_path / PAGE).read_text().partition("<h1>")[2]
+
+
 def test_a_command_that_ends_badly_fails_and_another_commit_is_refused(tmp_path: Path) -> None:
     evidence = Evidence(tmp_path)
     bad = row("s", command="python -m pytest tests/there_is_none.py", method=Method.TEST)
