@@ -54,6 +54,12 @@ class OrderError(FlightError):
         super().__init__(f"{sent.asked or sent.command.kind}: {sent.failed or '; '.join(whys)}")
 
 
+def _refuse_still(every_s: float) -> None:
+    """InputError where mission time would not go on between two views."""
+    if not every_s > 0:
+        raise InputError(f"views: every_s={every_s:g}; allowed: over 0 s")
+
+
 def _accepted(sent: SentCommand) -> SentCommand:
     if not sent.accepted:
         raise OrderError(sent)
@@ -109,7 +115,8 @@ class Swarm:
         return self.flight.view()
 
     def views(self, every_s: float = 0.1) -> Iterator[SwarmView]:
-        """A view each `every_s`, until the flight is over."""
+        """A view each `every_s`, over 0, until the flight is over."""
+        _refuse_still(every_s)
         while not self.flight.over:
             yield self.view()
             self.wait(every_s)
@@ -287,6 +294,7 @@ class AsyncSwarm:
 
     async def views(self, every_s: float = 0.1) -> AsyncIterator[SwarmView]:
         """`Swarm.views`."""
+        _refuse_still(every_s)
         while not await self._do(lambda: self._flight.over):
             yield await self.view()
             await self.wait(every_s)

@@ -45,7 +45,7 @@ def flying_run(named: Path | str | None = None, runs: Path = RUNS) -> Path:
     or (None) the only run that flies.
 
     Raises:
-        InputError: several runs may be meant, or none of the name, with the list of those that fly.
+        InputError: several runs may be meant, or others than the named one fly; lists them.
         StartError: no run flies, or the one that is named has ended.
     """
     if named is not None and (Path(named) / MANIFEST).exists():
@@ -67,8 +67,10 @@ def flying_run(named: Path | str | None = None, runs: Path = RUNS) -> Path:
             f"{len(meant)} swarms are in the air: {_listed(meant)}; name one by its {by}"
         )
     if named is not None:
-        rest = f"in the air: {_listed(flying)}" if flying else f"no run of {runs}/ is in the air"
-        raise InputError(f"{named} is no run folder, and no mission that flies; {rest}")
+        why = f"{named} is no run folder, and no mission that flies"
+        if flying:
+            raise InputError(f"{why}; in the air: {_listed(flying)}")
+        raise StartError(f"{why}; no run of {runs}/ is in the air")
     if unsure := _started_elsewhere(runs):
         return max(unsure)
     last = max((path.parent for path in runs.glob(f"*/{MANIFEST}")), default=None)

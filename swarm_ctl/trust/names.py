@@ -64,7 +64,8 @@ def member_of(folder: str) -> KeyHolder:
     role, _, name = folder.partition("-")
     if role not in tuple(Role):
         raise TrustError(
-            f"{folder!r} names no identity; allowed: agent-3, operator-anna, viewer-tv, router-1"
+            f"{folder!r} names no identity; allowed: a folder such as agent-3, operator-anna,"
+            " viewer-tv, router-1"
         )
     return KeyHolder(Role(role), name)
 

@@ -93,6 +93,9 @@ def test_a_refused_order_raises_and_the_flight_goes_on() -> None:
             swarm.send("jump")
         with pytest.raises(ValueError, match="no agent 7"):
             swarm.hold(7)
+        for every_s in (0.0, -1.0, math.nan):  # mission time would stand still
+            with pytest.raises(InputError, match="allowed: over 0 s"):
+                next(swarm.views(every_s))
         with pytest.raises(FlightError, match=r"was not reached within 0\.5 s"):
             swarm.step("land", within_s=0.5)
         swarm.step("takeoff")

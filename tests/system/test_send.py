@@ -77,7 +77,9 @@ def test_an_operator_commands_from_the_shell(tmp_path: Path, typed: Typed) -> No
             ),
         )
         alone_s = time.monotonic() - begun_s
-        assert send("kill")[0] == 1  # "n" to the question
+        code, asked, _ = typed("send", "kill", "--agents", "1,3")
+        assert code == 1  # "n" to the question
+        assert asked.startswith("kill: the motors of @1,3 of ")
         running.kill("agent-3")
         for words, answer in BESIDE_A_DEAD_ONE.items():
             begun_s = time.monotonic()

@@ -126,7 +126,7 @@ def send(
         words.append("@" + agents.replace(" ", "").replace("@", ""))
     order = parse(" ".join([*words, *(["--by"] if by else [])]), plan)
     if command == "kill" and not yes:
-        named = f"agents {order.whom}" if order.whom else "EVERY agent"
+        named = f"@{order.whom}" if order.whom else "EVERY agent"
         what = f"kill: the motors of {named} of {plan.name} ({folder}) stop at once"
         typer.confirm(f"{what} and their vehicles fall. Really?", abort=True)
     own = zenoh_settings(zenoh_config, guarded=manifest.guarded) if zenoh_config else None

@@ -13,20 +13,18 @@ from swarm_ctl.cli.shared.console import PlainConsole
 from swarm_ctl.cli.shared.options import (
     Headless,
     Json,
+    RunFolder,
     complete_runs,
     option,
     recorded_run,
     require_writable,
+    runs_in,
 )
 from swarm_ctl.errors import InputError, SwarmError
 from swarm_ctl.rim import explained
 
 
-def report(
-    run: Annotated[
-        Path, typer.Argument(metavar="RUN", help="The run folder.", autocompletion=complete_runs)
-    ],
-) -> None:
+def report(run: RunFolder = None) -> None:
     """Make the report of a run: a page of figures.
 
     Writes report.html, which needs no other file, and its figures as PNG and SVG into the run
@@ -40,6 +38,9 @@ def report(
     """
     from swarm_ctl.report.page.html_page import make_report
 
+    run = run or next(iter(runs_in(Path("runs"))), None)
+    if run is None:
+        raise InputError("no run in runs/; name a run folder")
     if run.is_dir():
         require_writable(run, "the report is written into the run folder: copy it")
     PlainConsole().say(f"report: {_made(run, lambda: make_report(run))}")

@@ -167,11 +167,16 @@ def attaching(command: Callable[..., None]) -> Callable[..., None]:
     return with_short_words
 
 
+_VALUE: Final = re.compile(r"[\d.]+|\d+,\S+|[^\s-]\S*:\S*")
+"""What follows an option that may stand alone and is no other argument: a number, an address, a
+domain and more; also one with a mistake, so that it is named."""
+
+
 def filled(arguments: Sequence[str]) -> list[str]:
     """The command line in which each option that may stand alone has its value."""
     following = [*arguments, ""][1:]
     return [
-        f"{each}={_ALONE[each]}" if each in _ALONE and not _GCS_ADDRESS.fullmatch(after) else each
+        f"{each}={_ALONE[each]}" if each in _ALONE and not _VALUE.fullmatch(after) else each
         for each, after in zip(arguments, following, strict=True)
     ]
 

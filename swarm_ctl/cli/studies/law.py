@@ -106,7 +106,12 @@ def add(
         more = "; or --replace" if taken == str(target) else ""
         where = taken or "the law of missions"
         raise InputError(f"law {name!r} is there already: {where}; allowed: another name{more}")
-    found = law_in_file(file)
+    try:
+        found = law_in_file(file)
+    except OSError as error:
+        raise InputError(
+            f"{file}: can't be read: {error.strerror}; allowed: a law's file"
+        ) from None
     folder.mkdir(parents=True, exist_ok=True)
     with replacing(target) as to:
         to.write(file.read_bytes())

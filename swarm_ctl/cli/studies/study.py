@@ -254,6 +254,7 @@ def study(
         console.print(each)
     console.say(f"rows: {out}")
     if curves is not None:
+        curves.parent.mkdir(parents=True, exist_ok=True)
         draw_curves(plan, read_rows(out), names or plan.varied, curves)
         console.say(f"curves: {curves}")
 
@@ -356,6 +357,7 @@ def _league(
     places = fly_league(plan, laws_of(laws), out, processes, console, cluster)
     wide = console if console.is_terminal else PlainConsole(width=160)
     wide.print(table(places))
+    drawn.parent.mkdir(parents=True, exist_ok=True)
     draw_league(places, plan.law.r_in, drawn)
     console.say(f"picture: {drawn}")
 
@@ -372,6 +374,8 @@ def _rerun(
 
     flown = rerun(out, row, plan)
     console.print(flown.table())
+    for path in filter(None, (picture, mission)):
+        path.parent.mkdir(parents=True, exist_ok=True)
     if picture is not None:
         from swarm_ctl.study.mission_figures import draw_mission
 

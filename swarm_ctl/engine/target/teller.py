@@ -250,7 +250,11 @@ class RecordedTrack:
     """
 
     def __init__(self, path: Path) -> None:
-        text = read_bytes(path, _MOST_BYTES).decode(errors="replace")
+        try:
+            text = read_bytes(path, _MOST_BYTES).decode(errors="replace")
+        except OSError as error:
+            why = f"can't be read: {error.strerror}; allowed: a .csv or .gpx track"
+            raise InputError(f"{path}: {why}") from None
         read = _gpx if path.suffix.lower() == ".gpx" else _csv
         points = read(str(path), text)
         if len(points) < 2:

@@ -20,7 +20,7 @@ from swarm_ctl.commands.parse import group_names, parse
 from swarm_ctl.core.model.messages import AgentState, CommandKind
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.engine import clock as wall
-from swarm_ctl.errors import InputError
+from swarm_ctl.errors import InputError, TrustError
 from swarm_ctl.extension import Answer, Extension, StationHandle
 from swarm_ctl.extensions.ros2 import domain_of
 from swarm_ctl.extensions.ros2.messages import (
@@ -92,7 +92,7 @@ class Ros2(Extension):
     """
 
     def __init__(self, argument: str, station: StationHandle) -> None:
-        domain, identity, self._open = _argument(argument, os.environ)
+        self._domain, identity, self._open = _argument(argument, os.environ)
         if identity is not None and identity.swarm != station.plan.name:
             raise InputError(
                 f"ros2={argument}: its keys are of the swarm {identity.swarm}; allowed: those of"
@@ -108,7 +108,8 @@ class Ros2(Extension):
         """Why no orders are taken; '' where they are."""
         self._own = station.agent
         self._orders = services(station.plan) if self._own is None else {}
-        self._node = Ros2Node(domain, node_name(self._own), identity)
+        self._node = Ros2Node(self._domain, node_name(self._own), identity)
+        self._told_of_two = False
         ids = [None, *(agent.id for agent in station.plan.agents)]
         self._before = {node_name(each) for each in ids[: ids.index(self._own)]}
         """The nodes that tell the clock before this one does."""
@@ -153,6 +154,12 @@ class Ros2(Extension):
                     f"ROS 2 hears nothing yet: no router answers at {self._node.where}"
                     " (ros2 run rmw_zenoh_cpp rmw_zenohd)"
                 )
+        if self._own is None and not self._told_of_two and _NODE in self._node.others():
+            self._told_of_two = True
+            self._station.tell(
+                f"ROS 2 hears each drone twice: another station is in its domain {self._domain};"
+                " allowed: one in a domain (--ros2 DOMAIN)"
+            )
         before, self._why_not = self._why_not, self._why_no_orders(view.protection)
         if self._orders and self._why_not not in ("", before):
             self._station.tell(f"no orders from ROS 2: {self._why_not}")
@@ -241,4 +248,7 @@ def _argument(argument: str, environment: Mapping[str, str]) -> tuple[int, Ident
     domain = domain_of(text, environment)
     if more == _ORDERS:
         return domain, None, True
-    return domain, load_identity(Path(more)) if more else None, False
+    try:
+        return domain, load_identity(Path(more)) if more else None, False
+    except TrustError as error:
+        raise InputError(f"ros2={argument}: {error}; or {_ORDERS}") from None

@@ -210,11 +210,15 @@ def kinds_of(given: str, free: list[int]) -> dict[int, VehicleKind]:
         name, equals, kind = word.partition("=")
         ids.append(name)
         if equals:
-            found |= dict.fromkeys(ids_of(",".join(ids), "--vehicles"), _kind(kind, given))
+            named = dict.fromkeys(ids_of(",".join(ids), "--vehicles"), _kind(kind, given))
+            if twice := found.keys() & named.keys():
+                who = agents_named(sorted(twice))
+                raise InputError(f"--vehicles {given}: {who} twice; allowed: one kind for each")
+            found |= named
             ids = []
     if ids:
-        named = agents_named(ids_of(",".join(ids), "--vehicles"))
-        raise InputError(f"--vehicles {given}: no kind for {named}; allowed: {ALLOWED}")
+        who = agents_named(ids_of(",".join(ids), "--vehicles"))
+        raise InputError(f"--vehicles {given}: no kind for {who}; allowed: {ALLOWED}")
     return found
 
 

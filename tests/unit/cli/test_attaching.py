@@ -44,7 +44,9 @@ def test_an_option_may_stand_without_its_number(monkeypatch: pytest.MonkeyPatch)
         "--gcs=14550",
         "--radio=0",
     ]
-    assert filled(["--gcs", "host:14551", "--metrics"]) == ["--gcs", "host:14551", "--metrics"]
+    for value in ("host:14551", "192.168.1.30", "[::1]:14550", "host:", "7,orders"):
+        assert filled(["--gcs", value, "--metrics"]) == ["--gcs", value, "--metrics"]
+    assert filled(["--gcs", "3-drones.yaml"]) == ["--gcs=14550", "3-drones.yaml"]
 
 
 @pytest.mark.parametrize("command", [["run", "hexagon"], ["station"]])

@@ -124,6 +124,27 @@ def test_an_error_is_one_message_without_control_characters(
     assert "\x1b" not in said
 
 
+@pytest.mark.parametrize("command", ["law add no.py", "study no.yaml", "validate no.yaml"])
+def test_a_file_that_is_not_there_is_a_wrong_input(
+    command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert called(monkeypatch, *command.split()) == 2
+    assert "can't be read: No such file or directory; allowed: " in capsys.readouterr().err
+
+
+def test_report_takes_the_newest_run(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert called(monkeypatch, "report") == 2
+    assert capsys.readouterr().err == "error: no run in runs/; name a run folder\n"
+    for name in ("20260101-120000-a", "20260101-120001-b"):
+        (tmp_path / "runs" / name).mkdir(parents=True)
+        (tmp_path / "runs" / name / "run.json").touch()
+    assert called(monkeypatch, "report") == 2
+    assert capsys.readouterr().err.startswith("error: runs/20260101-120001-b: ")
+
+
 UNWRITABLE = {
     "study": "study --missions 1 --out {}.csv",
     "search": "study --missions 1 --search smallest --budget 100000000 --out {}.csv",

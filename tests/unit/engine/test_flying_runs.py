@@ -58,7 +58,11 @@ def test_two_of_one_mission_are_told_apart_by_their_folders(tmp_path: Path) -> N
 
 def test_a_name_that_means_none_is_refused(tmp_path: Path, dead: int) -> None:
     a_run(tmp_path, "1-square", "square", dead)
-    with pytest.raises(InputError, match=r"hexagon is no run folder, and no mission that flies"):
+    words = "hexagon is no run folder, and no mission that flies"
+    with pytest.raises(StartError, match=f"{words}; no run of "):
+        flying_run("hexagon", tmp_path)
+    a_run(tmp_path, "2-square", "square", os.getpid())
+    with pytest.raises(InputError, match=f"{words}; in the air: square"):
         flying_run("hexagon", tmp_path)
 
 

@@ -114,7 +114,7 @@ def test_the_command_leaves_a_row_that_flies_again(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "few.yaml").write_text("n: 2,3\nlate_s: -0.5:0.5\nmissions: 9\nlimit_s: 2\n")
     given = ["few.yaml", "--search", "smallest", "--budget", "32", "--processes", "1"]
-    files = ["--mission", "worst.yaml", "--picture", "worst.png"]
+    files = ["--mission", "new/worst.yaml", "--picture", "new/worst.png"]
     assert command(monkeypatch, *given, *files) in (0, None)
     told = capsys.readouterr().out
     assert "searched, 32 missions: smallest distance" in told
@@ -123,8 +123,8 @@ def test_the_command_leaves_a_row_that_flies_again(
     again = rerun(tmp_path / "few-smallest.csv", number)
     assert again.row == again.before
     assert f"{again.row['smallest_units']:.3f} units" in told
-    assert (tmp_path / "worst.png").stat().st_size > 0
-    assert len(load(tmp_path / "worst.yaml").fleet.agents) == again.row["n"]
+    assert (tmp_path / "new/worst.png").stat().st_size > 0
+    assert len(load(tmp_path / "new/worst.yaml").fleet.agents) == again.row["n"]
     assert command(monkeypatch, *given) == 2
 
 

@@ -58,3 +58,5 @@ def test_what_is_no_track_is_refused_by_its_line(
     with pytest.raises(InputError, match=words) as refused:
         RecordedTrack(written(tmp_path, name, text))
     assert "allowed" in str(refused.value)
+    with pytest.raises(InputError, match="can't be read: No such file or directory; allowed: "):
+        RecordedTrack(tmp_path / f"no-{name}")

@@ -147,6 +147,16 @@ def test_that_no_router_answers_is_said_once(
     assert words.startswith("ROS 2 hears nothing yet: no router answers at tcp/localhost:7447")
 
 
+def test_another_station_in_the_domain_is_said_once(flight: Flight) -> None:
+    """Of two swarms, or one that is attached twice, each topic would have two publishers."""
+    flight.swarm.take(PICTURES["well"]())
+    flight.graph.there = {"swarm_ctl", "swarm_ctl_drone_3", "rviz"}
+    for _ in range(2):
+        flight.swarm.take(PICTURES["well"]())
+    (words,) = flight.desk.told
+    assert "another station is in its domain 5; allowed: one in a domain" in words
+
+
 def test_on_the_wall_clock_a_stamp_is_unix_time(
     flight: Flight, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -261,6 +271,7 @@ def test_a_domain_is_the_arguments_or_that_of_ros(
         ("-1", "", "ros2=-1: is no domain"),
         ("zero", "", "ros2=zero: is no domain"),
         ("", "x", "ROS_DOMAIN_ID=x: is no domain"),
+        ("0,orderz", "", "ros2=0,orderz: 'orderz' names no identity; .*; or orders$"),
     ],
 )
 def test_what_is_no_domain_is_refused_before_anything_flies(

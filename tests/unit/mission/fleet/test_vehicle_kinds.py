@@ -26,7 +26,9 @@ def test_kinds_are_dealt_in_turn_or_named_by_agent(given: str, kinds: list[Vehic
     assert kinds_of(given, [1, 2, 3]) == dict(zip([1, 2, 3], kinds, strict=True))
 
 
-@pytest.mark.parametrize("given", ["copter", "arducopter,", "1-2=px5", "1,2", "x=px4", "1=px4,2"])
+@pytest.mark.parametrize(
+    "given", ["copter", "arducopter,", "1-2=px5", "1,2", "x=px4", "1=px4,2", "1-3=arducopter,2=px4"]
+)
 def test_a_wrong_choice_is_refused_with_what_is_allowed(given: str) -> None:
     with pytest.raises(InputError, match="allowed: "):
         kinds_of(given, [1, 2, 3])
