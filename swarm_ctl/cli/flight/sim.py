@@ -11,7 +11,7 @@ import typer
 from rich.table import Table
 
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.options import OpenMesh, Seed, Speedup, option, switch
+from swarm_ctl.cli.shared.options import OpenMesh, Seed, Speedup, mission_option, option, switch
 from swarm_ctl.core.model.fleet import SigningPolicy
 from swarm_ctl.core.model.plan import Geodetic
 from swarm_ctl.errors import InputError
@@ -40,7 +40,7 @@ def sim(
         option("KIND:HOST:PORT", "Of one vehicle: udpin, udpout or tcpin. Repeat it for the next."),
     ] = None,
     mission: Annotated[
-        Path | None, option("FILE", "Take vehicles, starts, weather and faults from this mission.")
+        Path | None, mission_option("Take vehicles, starts, weather and faults from this mission.")
     ] = None,
     fleet: Annotated[
         Path | None,

@@ -36,6 +36,11 @@ def endpoint_option(text: str) -> Any:
     return option("URL", text, callback=lambda given: given and plain_endpoint(given))
 
 
+def mission_option(text: str) -> Any:
+    """A mission's file, or a ready mission's name."""
+    return option("FILE", text, callback=lambda given: given and named(given))
+
+
 def runs_in(folder: Path) -> list[Path]:
     """The run folders in a folder, the newest first."""
     return sorted((path.parent for path in folder.glob("*/run.json")), reverse=True)
@@ -72,7 +77,7 @@ RunFolder = Annotated[
 _RUN_NAME = "Its folder, or its mission.  [default: the only run in runs/ that flies]"
 RunName = Annotated[str | None, option("RUN", _RUN_NAME, autocompletion=complete_runs)]
 _ELSEWHERE = "A mission or plan file, not a run: for a swarm on other hosts."
-SwarmElsewhereFile = Annotated[Path | None, option("FILE", _ELSEWHERE)]
+SwarmElsewhereFile = Annotated[Path | None, mission_option(_ELSEWHERE)]
 FlownFleet = Annotated[Path | None, option("FILE", "With --mission: the fleet file that is flown.")]
 _IDENTITY = (
     "The folder with the own keys (swarm-ctl trust).  [default: the only operator of the fleet's"

@@ -28,6 +28,20 @@ def test_a_name_is_a_ready_mission_and_a_path_is_a_file(
         ready.named(Path("hex"))
 
 
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("sim --mission hexagon --fleet mine.yaml", "mine.yaml: fleet: can't be read"),
+        ("station --mission hexa", "hexa: no such file or ready mission"),
+    ],
+)
+def test_where_a_mission_is_but_read_a_name_will_do(
+    line: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert says in str(CliRunner().invoke(app, line.split()).exception)
+
+
 def test_each_ready_mission_says_what_it_shows() -> None:
     found = ready.ready_missions()
     assert len(found) >= 7
