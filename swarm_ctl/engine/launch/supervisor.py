@@ -51,6 +51,8 @@ _START_WALL_S: Final = 20.0
 _BOOT_WALL_S: Final = READY_WALL_S + 10.0
 """The process that starts the autopilots gives up before that, and says which one was late."""
 _POLL_WALL_S: Final = 0.05
+_LANDED_WALL_S: Final = 60.0
+"""By then most swarms are down: who still waits is to know for whom."""
 _LAND_WALL_S: Final = 3.0
 """After Ctrl-C, without a station that could pass the command on: then the lifelines are cut."""
 _HUNG_WALL_S: Final = 20.0
@@ -277,6 +279,9 @@ class RunProcesses:
                 self._without_station()
                 if asked_s is not None and now > asked_s + _LAND_WALL_S:
                     self._let_agents_go()
+            elif asked_s is not None and now > asked_s + _LANDED_WALL_S:
+                whose = "a pilot who has its vehicle lands it"
+                self._waiting.tell(f"{named(self._agents)} to end ({whose})")
             self._telling.run(self._tell_news)
             self._kill_hung()
             self._keep_router()
