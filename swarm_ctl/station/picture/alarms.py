@@ -228,11 +228,11 @@ _TAKEN_S: Final = 1.0
 
 def _held_alone(view: SwarmView, limit_s: float) -> Found:
     """Agents that fly a command which was not given to all, or that not all have taken; but for
-    those that were sent to a point, for whom nobody waits, and those that land since."""
+    those that were sent to a point, for whom nobody waits. Those that land since wait for none."""
     flying = [agent for agent in view.agents if agent.live and agent.state is not None]
     flying = [a for a in flying if a.state and a.state.left is not CommandKind.GOTO]
-    up = [a for a in flying if a.state and a.state.phase not in _GOES_HOME]
-    tags = {a.id: a.state.override for a in up if a.state and a.state.override}
+    flying = [a for a in flying if a.state and a.state.phase not in _GOES_HOME]
+    tags = {a.id: a.state.override for a in flying if a.state and a.state.override}
     if tags and len(tags) < len(flying):
         to_all = {c.command.tag: c.received_s for c in view.commands if not c.command.agents}
         newest_s = max(to_all.values(), default=-math.inf)

@@ -409,10 +409,13 @@ def test_a_command_to_some_is_told_with_its_sender(heard: bool, who: str) -> Non
     assert f"held by a command ({who})" in alarm.words
 
 
+@pytest.mark.parametrize("others", [0, 7])
 @pytest.mark.parametrize("since", [{"left": CommandKind.GOTO}, {"phase": Phase.LAND}])
-def test_who_was_sent_to_a_point_or_lands_holds_nobody(since: dict[str, Any]) -> None:
-    """The others go on without it."""
+def test_who_was_sent_to_a_point_or_lands_holds_nobody(since: dict[str, Any], others: int) -> None:
+    """The others go on without it, also those that all fly the command still."""
     model = flying_model(PLAN)
+    for agent in (1, 2, 3, 5, 6):
+        model.fold(state_of(PLAN, agent, 30.02, 2000, override=others), 30.03)
     model.fold(state_of(PLAN, 4, 30.02, 2000, override=7, **since), 30.03)
     assert all(each.name != "held alone" for each in alarms(model.view(30.03)))
 
