@@ -223,16 +223,20 @@ class SteppedTransport(Transport):
         """Do not wait for these again before a message of theirs comes in time."""
         self._silent.update(keys)
 
-    def give(self, heard: int | None, received_s: float, said: Iterable[str] = ()) -> None:
-        """Let the inlets give out what was said up to tick `heard`, in the order of these keys;
-        None: all."""
+    def give(self, heard: int, received_s: float, said: Iterable[str] = ()) -> None:
+        """Let the inlets give out what was said up to tick `heard`, in the order of these keys."""
         order = {key: i for i, key in enumerate(said)}
         for inlet in self._inlets.values():
-            if heard is None:
-                inlet.fill(self._given, self._silent)
             inlet.give(heard, received_s, order)
-        if heard is not None:
-            self._given = heard
+        self._given = heard
+
+    def give_all(self, now: Callable[[], float]) -> None:
+        """Let them give out all that has come, received when all is read (as `RingInlet`)."""
+        for inlet in self._inlets.values():
+            inlet.fill(self._given, self._silent)
+        received_s = now()
+        for inlet in self._inlets.values():
+            inlet.give(None, received_s, {})
 
     def refused(self, now: float) -> tuple[Refusal, ...]:
         return self._inner.refused(now)

@@ -151,7 +151,7 @@ class BarrierSeat(Seat):
         if member is None:
             wall.pause(wall_seconds)
             if self._mesh is not None:
-                self._mesh.give(None, self.clock.now())
+                self._mesh.give_all(self.clock.now)
             return True
         try:
             return self._turn_comes(member, wall_seconds)
@@ -244,7 +244,7 @@ class BarrierSeat(Seat):
             self._wire.let_run()
         if self._mesh is not None:
             self._mesh.let_run()
-            self._mesh.give(None, self.clock.now())
+            self._mesh.give_all(self.clock.now)
         sys.stderr.write(
             f"the run's clock at {self.clock.now():.2f} s: {why}; on by the wall clock\n"
         )
@@ -252,7 +252,7 @@ class BarrierSeat(Seat):
     def leave(self) -> None:
         self.end(last=True)
         if self._mesh is not None:
-            self._mesh.give(None, self.clock.now())
+            self._mesh.give_all(self.clock.now)
 
     def drop(self, name: str) -> None:
         """Do not wait for this member; of a test, in its turn."""
