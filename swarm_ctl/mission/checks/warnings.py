@@ -262,8 +262,8 @@ def _targets(_mission: MissionFile, plan: Plan) -> Findings:
 def _too_near(target: TargetPlan, step: FollowStep, at: PlannedStep) -> str:
     """Which place of the formation its agent keeps off, since it keeps clear of the target; ''."""
     above_m, formation, plan = step.above_m, at.before, at.plan
-    if above_m is None and target.height_m is not None:
-        above_m = formation.height_m - target.height_m
+    if above_m is None and (target.height_m is not None or target.way_m):
+        above_m = formation.height_m - (target.height_m or 0.0)
     if above_m is None or target.agent:
         return ""
     margins = margins_of(plan.law, plan.response, plan.limits.speed_mps, plan.unit_m)
@@ -272,7 +272,8 @@ def _too_near(target: TargetPlan, step: FollowStep, at: PlannedStep) -> str:
         slot, over_m = complex(*place), above_m + up_m - formation.height_m
         room_m = abs(abs(slot) - abs(offset)) if step.in_course else abs(slot + offset)
         if room_m < near_m and abs(over_m) <= CLEAR_M:
-            where = f"{room_m:.1f} m beside {target.name} and {abs(over_m):.1f} m"
+            where = "on some course, " * step.in_course
+            where += f"{room_m:.1f} m beside {target.name} and {abs(over_m):.1f} m"
             where += " above it" if over_m >= 0.0 else " below it"
             return (
                 f"a place of the formation is {where}: its agent keeps clear of it, so the shape is"

@@ -50,17 +50,19 @@ def test_a_played_target_that_cannot_be_followed_is_warned_of(
         ("height_m: 0", "above_m: 5.1", ""),
         ("", "above_m: 5", "0.0 m beside boat and 5.0 m above it"),
         ("", "", ""),
-        ("height_m: 12", "", "0.0 m beside boat and 2.0 m below it"),
-        ("height_m: 12", "offset: [1, 0]", "5.0 m beside boat and 2.0 m below it"),
-        ("height_m: 12", "offset: [2, 0]", ""),
-        ("height_m: 12", "offset: [2, 0], offset_in: course", "0.0 m beside boat and 2.0 m below"),
-        ("agent: 1, height_m: 12", "", ""),
+        ("along: [[0, 0], [4, 4]]", "", "0.0 m beside boat and 4.0 m above it"),
+        ("height_m: 6", "", "0.0 m beside boat and 2.0 m below it"),
+        ("height_m: 6", "offset: [1, 0]", "5.0 m beside boat and 2.0 m below it"),
+        ("height_m: 6", "offset: [2, 0]", ""),
+        ("height_m: 6", "offset: [2, 0], offset_in: course", "on some course, 0.0 m beside boat"),
+        ("agent: 1, height_m: 6", "", ""),
     ],
 )
 def test_a_place_that_its_agent_keeps_off_is_warned_of(boat: str, more: str, near: str) -> None:
     """Within 5 m of the target's height agents keep clear of it; of an agent they do as peers."""
     follows, lost = FOLLOWS.replace("MORE", more), ("agent_lost: land", "agent_lost: continue")
-    text = edited(("  - land\n", follows), lost)
+    low = ("takeoff: {height_m: 10}", "takeoff: {height_m: 4}")
+    text = edited(("  - land\n", follows), lost, low)
     found = loads(f"{text}targets: {{boat: {{{boat}}}}}\n").warnings
     said = [each.partition("a place of the formation is ")[2] for each in found if "clear" in each]
     allowed = ": its agent keeps clear of it, so the shape is not kept; allowed: "
