@@ -100,9 +100,13 @@ def named(path: Path, part: Path | None = None) -> Iterator[None]:
 
 
 def append_line(path: Path, line: str) -> None:
-    """Add a line to a file; an OSError names it."""
-    with named(path), path.open("a", encoding="utf-8") as file:
-        file.write(f"{line}\n")
+    """Add a line to a file, after one that was cut off, too; an OSError names it."""
+    with named(path), path.open("a+b") as file:
+        begins = ""
+        if end := file.tell():
+            file.seek(end - 1)
+            begins = "" if file.read(1) == b"\n" else "\n"
+        file.write(f"{begins}{line}\n".encode())
 
 
 def locked(descriptor: int, *, shared: bool = False) -> bool:

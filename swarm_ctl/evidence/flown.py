@@ -200,7 +200,7 @@ class Evidence:
 
     def _campaign(self, row: ClaimRow) -> str:
         lines = list(read_lines(self._out(row) / FLIGHTS, Damage()))[1:]
-        flights = [DrawnFlight.of(line.decode()) for line in lines]
+        flights = DrawnFlight.by_number(lines).values()
         found = [(f.number, each.invariant) for f in flights for each in f.broken]
         bad = {number for number, kind in found if kind.name in row.invariants}
         told = (

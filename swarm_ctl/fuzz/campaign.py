@@ -15,7 +15,7 @@ import re
 import signal
 import tempfile
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -106,7 +106,17 @@ class DrawnFlight:
         return json.dumps(values, separators=(",", ":"))
 
     @classmethod
-    def of(cls, line: str) -> DrawnFlight:
+    def by_number(cls, lines: Iterable[str | bytes]) -> dict[int, DrawnFlight]:
+        """Of these lines, but for what was cut off: that is flown again."""
+        flights = dict[int, DrawnFlight]()
+        for line in lines:
+            with contextlib.suppress(ValueError, KeyError, TypeError):
+                flight = cls.of(line)
+                flights[flight.number] = flight
+        return flights
+
+    @classmethod
+    def of(cls, line: str | bytes) -> DrawnFlight:
         """ValueError, KeyError or TypeError where the line is none."""
         values = json.loads(line)
         cells = tuple(CoverageCell(*cell) for cell in values["cells"])
@@ -135,20 +145,12 @@ class Campaign:
             self.folder.mkdir(parents=True, exist_ok=True)
             write_whole(path, json.dumps(self._head()) + "\n")
             return
-        text = path.read_text(encoding="utf-8")
-        if not text.endswith("\n"):  # cut off while it was written: the next line is its own
-            append_line(path, "")
-        head, *lines = text.splitlines() or [""]
+        head, *lines = path.read_text(encoding="utf-8").splitlines() or [""]
         if head != json.dumps(self._head()):
             raise InputError(
                 f"{path}: is of another seed, mission or version; allowed: another --out"
             )
-        for line in lines:
-            try:
-                flight = DrawnFlight.of(line)
-            except (ValueError, KeyError, TypeError):
-                continue  # what was cut off is flown again
-            self.done[flight.number] = flight
+        self.done |= DrawnFlight.by_number(lines)
 
     def _head(self) -> dict[str, Any]:
         return {"version": version(), "seed": self.seed, "mission": self.mission}

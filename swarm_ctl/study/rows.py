@@ -105,10 +105,10 @@ class _CsvFile:
 
     def __init__(self, path: Path, study: Study) -> None:
         self._path = path
+        self._next = _whole_blocks(path, study) if path.exists() else 0
         if not path.exists() or not path.stat().st_size:
             with named(path):
                 path.write_text(",".join(COLUMNS) + "\n")
-        self._next = _whole_blocks(path, study)
         self.missing = range(self._next, len(blocks(study)))
         self._early: dict[int, list[Row]] = {}
 

@@ -6,6 +6,7 @@ continuous time is the same law integrated in steps of a small part of an iterat
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -16,7 +17,7 @@ import numpy as np
 from rich.console import Console
 
 from swarm_ctl.core.model.plan import LawParameters
-from swarm_ctl.files import named
+from swarm_ctl.runfolder.files import write_whole
 from swarm_ctl.study.batch.batch import Batch, draw, unit_shape
 from swarm_ctl.study.batch.batch_flight import fly
 from swarm_ctl.study.batch.flight import STUCK_MPS
@@ -109,11 +110,11 @@ def reproduce(
         collisions_table(folder, few, processes, console),
         failing_cases_table(folder, few, processes, console),
     )
-    claims = folder / "claims.txt"
-    with named(claims), claims.open("w") as file:
-        for target in (console, Console(file=file, width=160)):
-            for table in made:
-                target.print(table)
+    text = io.StringIO()
+    for target in (console, Console(file=text, width=160)):
+        for table in made:
+            target.print(table)
+    write_whole(folder / "claims.txt", text.getvalue())
     console.print(f"figures, rows and claims: {folder}", soft_wrap=True)
 
 

@@ -159,6 +159,7 @@ def test_a_row_is_flown_once_and_one_whose_figure_moved_ends_with_1(
     assert moved.exit_code == 1
     assert "missions is 5, not 6" in moved.output
     assert "moved" in (tmp_path / PAGE).read_text()
+    assert Evidence(tmp_path).done["fast"].state == "moved"
 
 
 def test_the_page_can_be_read_while_a_row_is_flown(
@@ -198,7 +199,9 @@ def test_a_campaign_holds_its_own_invariants_and_tells_of_others(
     found = (Broken(Invariant[broke], "text"),)
     flights = [DrawnFlight(k, "completed", 1800.0, 1.0, (), found if k else ()) for k in (0, 1)]
     (tmp_path / "fast").mkdir()
-    (tmp_path / "fast" / FLIGHTS).write_text("\n".join(["{}", *(f.line() for f in flights), ""]))
+    (tmp_path / "fast" / FLIGHTS).write_text(
+        "\n".join(["{}", '{"cut', *(f.line() for f in flights), ""])
+    )
     monkeypatch.setattr(flown, "_run", lambda _words, _log: 1)
     each = row("s", command="swarm-ctl fuzz --flights 2", invariants=("APART",))
     *_, (_, again) = Evidence(tmp_path).fly([each])

@@ -121,6 +121,9 @@ def test_a_campaign_goes_on_where_it_was_ended(
         (Invariant.APART, "# m apart"): [3, 8]
     }
     assert again.coverage().count("form", "kill") == 10
+    third = Campaign(1, tmp_path)
+    third.load()
+    assert third.done == again.done
     with pytest.raises(InputError, match="another --out"):
         Campaign(2, tmp_path).load()
 
