@@ -250,9 +250,9 @@ def write_found(folder: Path, name: str, text: str, scenario: str) -> tuple[Path
     where.mkdir(exist_ok=True)
     path, test = where / f"{name}.yaml", where / f"test_{name.replace('-', '_')}.py"
     said = "".join(f"# {line}\n" for line in text.strip().splitlines()[-3:])
-    path.write_text(said + scenario, encoding="utf-8")
+    write_whole(path, said + scenario)
     words = text.strip().splitlines()[-1].translate({ord(mark): "'" for mark in '"\\'})
-    test.write_text(_TEST.format(text=words, name=name), encoding="utf-8")
+    write_whole(test, _TEST.format(text=words, name=name))
     return path, test
 
 

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 
+from swarm_ctl.files import named
 from swarm_ctl.report.page.drawing import (
     R_IN,
     R_OUT,
@@ -53,7 +54,8 @@ def draw_mission(flown: Rerun, path: Path) -> None:
     _draw_wood(flown.batch, axes)
     _draw_deaths(flown, axes)
     if path.suffix != ".gif":
-        made.savefig(path, dpi=150)
+        with named(path):
+            made.savefig(path, dpi=150)
         return
     chosen = np.unique(np.linspace(0, len(tracks) - 1, _FRAMES).astype(int))
     radius = flown.batch.cell.law.r_out / 2
@@ -69,7 +71,9 @@ def draw_mission(flown: Rerun, path: Path) -> None:
             dot.center = (tracks[frame, 1, k], tracks[frame, 0, k])
         return dots
 
-    FuncAnimation(made, show, frames=chosen.tolist()).save(path, writer=PillowWriter(fps=20))
+    moving = FuncAnimation(made, show, frames=chosen.tolist())
+    with named(path):
+        moving.save(path, writer=PillowWriter(fps=20))
 
 
 def _draw_deaths(flown: Rerun, axes: Axes) -> None:

@@ -17,6 +17,7 @@ from swarm_ctl.core.model.arrays import Floats, Indices
 from swarm_ctl.core.model.autopilots import AUTOPILOT_KINDS
 from swarm_ctl.core.model.plan import LawParameters
 from swarm_ctl.errors import InputError
+from swarm_ctl.files import named
 from swarm_ctl.study.batch.batch import Batch
 from swarm_ctl.study.batch.batch_flight import fly
 from swarm_ctl.study.executor import batch_of_row
@@ -103,7 +104,8 @@ def write_mission(flown: Rerun, path: Path, form_begins_s: Callable[[Path], floa
     agents died. `form_begins_s` says of a mission's file when its form step begins [s]: deaths are
     counted from there. Returns what the row flew and the file cannot carry, by name and value."""
     batch, mission = flown.batch, _mission(flown)
-    path.write_text(yaml.safe_dump(mission, sort_keys=False))
+    with named(path):
+        path.write_text(yaml.safe_dump(mission, sort_keys=False))
     mesh = {name: float(getattr(batch, name)[0]) for name in ("loss", "jitter_s")}
     if len(delays := set(batch.delay_s[:, 0].tolist())) == 1:
         mesh["delay_s"] = delays.pop()
@@ -115,7 +117,8 @@ def write_mission(flown: Rerun, path: Path, form_begins_s: Callable[[Path], floa
         scenario = {"version": 1, "name": mission["name"], "mission": mission}
         scenario |= {"mesh": mesh} if mesh else {}
         scenario |= {"happens": deaths} if deaths else {}
-        path.write_text(yaml.safe_dump(scenario, sort_keys=False))
+        with named(path):
+            path.write_text(yaml.safe_dump(scenario, sort_keys=False))
     return list(_not_carried(batch))
 
 

@@ -135,8 +135,11 @@ def test_a_full_disk_is_named_and_the_campaign_goes_on(tmp_path: Path) -> None:
     try:
         with pytest.raises(OSError, match=FLIGHTS):
             campaign.load()
+        with pytest.raises(OSError, match=r"obeys-6-1\.yaml"):
+            write_found(tmp_path, "obeys-6-1", "it did not", "version: 1\n")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert not [each for each in tmp_path.rglob("*") if each.is_file()]
     campaign.load()
 
 

@@ -63,6 +63,8 @@ def test_each_agent_keeps_its_own_vehicle_and_its_belief(tmp_path: Path) -> None
     }
     row = flown(tmp_path, **truth, speed_mps=7, model_lag_s=0.3, law={"delta_a": 0.2})
     write_mission(row, tmp_path / "row.yaml", never_asked)
+    with pytest.raises(OSError, match="/dev/full"):  # a full disk is named
+        write_mission(row, Path("/dev/full"), never_asked)
     mission = load(tmp_path / "row.yaml")
     for k, entry in enumerate(mission.fleet.agents):
         true = entry.simulated_response
