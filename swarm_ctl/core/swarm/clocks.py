@@ -133,8 +133,10 @@ class SharedClock(PeerClock):
     """The clock of a peer that the launcher has started on the own clock: it is known exactly, and
     no word of it changes that.
 
-    Another process that speaks as the peer may have another clock: its states are from the future,
-    or late on and on. Then the clock is not known until its states are timely again.
+    Another process that speaks as the peer may have another clock, and in lockstep a peer has one
+    when the keeper is gone: its states are from the future, or late on and on. Then the clock is
+    one like any other, until its states are timely again. While it is known to be ahead, a state
+    that seems timely was under way for long.
     `apart` has the shared clocks that seem to be others.
     """
 
@@ -165,7 +167,8 @@ class SharedClock(PeerClock):
     def told(self, told_s: float, received_s: float) -> None:
         """As of any clock, and whether it is the own one."""
         ahead_s = told_s - received_s
-        if -_LATE_S <= ahead_s <= _ROUNDING_S:
+        is_ahead = self in self._apart and super().bounds(received_s)[0] > _ROUNDING_S
+        if -_LATE_S <= ahead_s <= _ROUNDING_S and not is_ahead:
             self._late_since_s = self.unknown_s = None
             self._apart.discard(self)
             return
