@@ -127,7 +127,7 @@ ROWS = (
     Row("from 1e6 s ahead", ahead, "its clock stepped by 1e+06 s"),
     Row("slow", words(response_s=60.0), "it answers after 60 s"),
     Row("fast", words(setpoint_mps=(50.0, 0.0)), "its setpoint is 50 m/s"),
-    Row("huge", huge, "it is more than 100 km away"),
+    Row("huge", huge, "its stop_point_m is 1.7e+308; allowed: up to 1e+12"),
 )
 
 
