@@ -35,23 +35,20 @@ class Attacked:
         agents alone; 0: no more."""
         self._forged = [(frozenset(speaks_as), frozenset(to), word, times)] if times else []
 
-    def say(
-        self, channel: str, agent: int, to: Iterable[int], payload: Payload, late_s: float = 0.0
-    ) -> None:
-        """One message under the key of `agent`, which comes so much later."""
+    def say(self, channel: str, agent: int, to: Iterable[int], payload: Payload) -> None:
+        """One message under the key of `agent`."""
         for other in to:
             key = f"swarm/test/agent/{agent}/{channel}"
             for inlet in self._transports[other].inlets(key):
-                inlet.put(self.swarm.now + late_s, key, encode(payload))
+                inlet.put(self.swarm.now, key, encode(payload))
 
     def heard(self, agent: int, data: bytes) -> None:
         """An honest state goes out."""
         for speaks_as, to, word, times in self._forged:
             state = decode(AgentState, data)
             for k in range(1, times + 1) if agent in speaks_as else ():
-                late_s = 0.001 * k  # on one clock a word from the future is dropped unread
-                later = replace(state, seq=state.seq + k, time_s=state.time_s + late_s)
-                self.say("state", agent, to - {agent}, word(later), late_s)
+                later = replace(state, seq=state.seq + k, time_s=state.time_s + 0.001 * k)
+                self.say("state", agent, to - {agent}, word(later))
 
     def said(self) -> str:
         """All that the agents have said."""

@@ -51,6 +51,9 @@ _ECHOES: Final = 16
 """In one word; of more peers, those come first that have waited longest. A hundred agents are
 through in 1.4 s while one asks; then in 7 s, in which bounds loosen by 7 ms."""
 _ROUNDING_S: Final = 1e-6
+_APART_S: Final = 0.05
+"""Lockstep's processes that go on without their keeper have clocks that are milliseconds apart: on
+one clock, too, a state may come from so much later."""
 
 
 class PeerClock:
@@ -133,10 +136,8 @@ class SharedClock(PeerClock):
     """The clock of a peer that the launcher has started on the own clock: it is known exactly, and
     no word of it changes that.
 
-    Another process that speaks as the peer may have another clock, and in lockstep a peer has one
-    when the keeper is gone: its states are from the future, or late on and on. Then the clock is
-    one like any other, until its states are timely again. While it is known to be ahead, a state
-    that seems timely was under way for long.
+    Another process that speaks as the peer may have another clock: its states are from the future,
+    or late on and on. Then the clock is not known until its states are timely again.
     `apart` has the shared clocks that seem to be others.
     """
 
@@ -159,16 +160,16 @@ class SharedClock(PeerClock):
         return (0.0, 0.0) if self not in self._apart else super().bounds(now)
 
     def beyond(self, told_s: float, received_s: float) -> float:
-        """As of any clock."""
+        """As of any clock; 0 for what may be of the own one."""
         if self in self._apart:
             return super().beyond(told_s, received_s)
-        return max(0.0, told_s - received_s - _ROUNDING_S)
+        ahead_s = told_s - received_s
+        return ahead_s if ahead_s > _APART_S else 0.0
 
     def told(self, told_s: float, received_s: float) -> None:
         """As of any clock, and whether it is the own one."""
         ahead_s = told_s - received_s
-        is_ahead = self in self._apart and super().bounds(received_s)[0] > _ROUNDING_S
-        if -_LATE_S <= ahead_s <= _ROUNDING_S and not is_ahead:
+        if -_LATE_S <= ahead_s <= _APART_S:
             self._late_since_s = self.unknown_s = None
             self._apart.discard(self)
             return
