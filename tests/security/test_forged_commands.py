@@ -34,7 +34,7 @@ def attacked(step: int) -> Attacked:
 @flown_once
 def forming() -> VirtualFlight:
     """A flight at the form step's begin, by policy `continue`."""
-    flight = VirtualFlight(mission("continue", rate_hz=10))
+    flight = VirtualFlight(mission("continue"))
     landing_fast(flight.swarm)
     flight.wait_step(FORM)
     return flight
