@@ -175,7 +175,7 @@ CASES = [
 @pytest.mark.parametrize(("step", "victim", "policy"), CASES)
 def test_an_agent_dies_in_any_step(step: int, victim: int, policy: Policy) -> None:
     """The pinned one or another: the survivors do as the policy says, apart from each other, and
-    all come down."""
+    all come down. Who can't come home for the dead agent's vehicle lands beside it, and fails."""
     steps = "move: {to: [30, 13]}", "rotate: {angle_deg: 45}", "scale: {factor: 1.2}", "return"
     swarm = at_step(quartet(*steps, head=f"policies: {{agent_lost: {policy}}}\n"), step)
     swarm.run(1.5)
@@ -185,7 +185,9 @@ def test_an_agent_dies_in_any_step(step: int, victim: int, policy: Policy) -> No
     outcomes = swarm.outcomes()
     assert set(outcomes) == {1, 2, 3, 4} - {victim}
     if policy is Policy.CONTINUE or step == 6:
-        assert set(outcomes.values()) <= {"completed"}
+        failed = [a for a in swarm.plan.agents if outcomes.get(a.id) == "failed"]
+        assert all(math.dist(a.start, swarm.positions()[victim]) < 5.75 for a in failed)
+        assert {*outcomes.values()} <= {"completed", "failed"}
     else:
         assert set(outcomes.values()) == {"failed"}
     if policy is Policy.RETURN and step > 1:

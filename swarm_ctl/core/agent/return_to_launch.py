@@ -32,6 +32,8 @@ to `_SLOW_MPS`."""
 _BLOCKED_S: Final = 8.0
 """Standing still this long on the way: something is in the way. For good, if it is no agent that
 comes down itself (a lost agent's vehicle): then the agent lands beside it."""
+_OUTLIVED_S: Final = 5.0
+"""So much longer a peer is heard than one that is lost by itself."""
 _NEAR: Final = 2.0
 """[of r_out]: a peer so near to the own stop point may be what is in the way."""
 _LAYERS: Final = 3
@@ -125,10 +127,14 @@ def _comes_down(peer: OtherAircraft) -> bool:
 
 def deserted(peers: PeerSnapshot) -> bool:
     """No peer is heard although some should be in the air: then no agent knows where they fly. Of
-    those that are expelled none is listened to: that says nothing."""
-    up = [peer for peer in peers.peers if peer.state is not None and in_the_air(peer.state)]
-    up = [peer for peer in up if not peer.expelled]
-    return bool(up) and not any(peer.followed for peer in up)
+    those that are expelled none is listened to: that says nothing. Nor does one that fell silent
+    while another one was heard, which has ended since: this agent hears, and that one was lost."""
+    told = [peer for peer in peers.peers if peer.state is not None and not peer.expelled]
+    up = [peer for peer in told if peer.state is not None and in_the_air(peer.state)]
+    if not up or any(peer.followed for peer in up):
+        return False
+    least_s = min(peer.silent_s for peer in up)
+    return least_s - min(peer.silent_s for peer in told) <= _OUTLIVED_S
 
 
 def in_the_air(state: AgentState) -> bool:

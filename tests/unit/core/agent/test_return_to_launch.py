@@ -84,6 +84,10 @@ def test_an_agent_that_hears_no_peer_knows_no_order() -> None:
     expelled = replace(peer(3, 2.0), expelled=True)
     assert deserted(snapshot(peer(2, 2.0), expelled))
     assert not deserted(snapshot(peer(2, NEVER), expelled))
+    ended = peer(3, 10.0, phase=Phase.ENDED)
+    assert deserted(snapshot(peer(2, 14.9), ended))
+    assert not deserted(snapshot(peer(2, 15.1), ended))  # lost, while the other one was heard
+    assert deserted(snapshot(peer(2, 15.1), peer(3, 10.0)))
 
 
 # --- home ---
