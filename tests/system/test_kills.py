@@ -40,7 +40,8 @@ PHASES = {"ready": 0, "takeoff": 1, "form": 2, "hold": 3, "landing": 4}
 """And the step that it is."""
 ENDS = ("kill", "restart")
 CODES = {"completed": 0, "failed": 1}
-CODES_BY_HAND = {"agent": {0, 1}, "station": {130}, "simulator": {0}, "run": {0}}
+CODES_BY_HAND = {"agent": {0, 1}, "station": {0, 130}, "simulator": {0}, "run": {0}}
+"""A station ends by itself, with 0, where its run is over before Ctrl-C comes."""
 """Of the process started again: an agent's vehicle may be in its own landing, which ends the
 mission."""
 IN_CI = {("simulator", "blink", "form")}
