@@ -41,9 +41,8 @@ PHASES = {"ready": 0, "takeoff": 1, "form": 2, "hold": 3, "landing": 4}
 ENDS = ("kill", "restart")
 CODES = {"completed": 0, "failed": 1}
 CODES_BY_HAND = {"agent": {0, 1}, "station": {0, 130}, "simulator": {0}, "run": {0}}
-"""A station ends by itself, with 0, where its run is over before Ctrl-C comes."""
 """Of the process started again: an agent's vehicle may be in its own landing, which ends the
-mission."""
+mission; a station ends by itself, with 0, where its run is over before Ctrl-C comes."""
 IN_CI = {("simulator", "blink", "form")}
 """What `test_run.py` does not fly already, and is quick."""
 BLINK_S, SLEEP_S, PATIENCE_S = 2.0, 12.0, 60.0
