@@ -93,7 +93,7 @@ def test_a_flight_in_which_all_that_shows_fails_at_random(tmp_path: Path) -> Non
         contextlib.closing(QGroundControl()) as qgc,
         Running(*run, "--headless", "--gcs", str(qgc.port), cwd=tmp_path, env=env) as running,
     ):
-        running.wait_for_event("step 2:", 3)
+        running.wait_for_event("step 2:")  # of one agent: the record loses some
         running.kill("gcs")
         assert running.wait() == 0, running.output
         running.assert_nothing_left()
