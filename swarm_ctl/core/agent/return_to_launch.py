@@ -33,7 +33,8 @@ _BLOCKED_S: Final = 8.0
 """Standing still this long on the way: something is in the way. For good, if it is no agent that
 comes down itself (a lost agent's vehicle): then the agent lands beside it."""
 _OUTLIVED_S: Final = 5.0
-"""So much longer a peer is heard than one that is lost by itself."""
+"""[s]: an agent that heard another peer for so much longer is not deaf. As long as peers wait by
+default before they call one lost (`policies.agent_lost_after_s`)."""
 _NEAR: Final = 2.0
 """[of r_out]: a peer so near to the own stop point may be what is in the way."""
 _LAYERS: Final = 3

@@ -228,7 +228,7 @@ _TAKEN_S: Final = 1.0
 
 def _held_alone(view: SwarmView, limit_s: float) -> Found:
     """Agents that fly a command which was not given to all, or that not all have taken; but for
-    those that were sent to a point, for whom nobody waits. Those that land since wait for none."""
+    those that were sent to a point, for whom nobody waits. An agent that lands waits for none."""
     flying = [agent for agent in view.agents if agent.live and agent.state is not None]
     flying = [a for a in flying if a.state and a.state.left is not CommandKind.GOTO]
     flying = [a for a in flying if a.state and a.state.phase not in _GOES_HOME]
