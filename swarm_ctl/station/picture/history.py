@@ -85,7 +85,8 @@ class HistoryKeeper:
         """Add a point to the agent's trail, if it is time; until it takes off it is at home."""
         if state.phase <= Phase.ARM and not state.airborne:
             self._homes[state.agent] = state.position_ned_m[:2]
-        if state.time_s >= self._due.get(state.agent, 0.0):
+        wait_s = self._due.get(state.agent, 0.0) - state.time_s
+        if wait_s <= 0.0 or wait_s > TRAIL_EVERY_S:  # more: a new process, whose clock is behind
             self._due[state.agent] = state.time_s + TRAIL_EVERY_S
             self._trails[state.agent] = _put(
                 self._trails.get(state.agent, ()), state.position_ned_m, TRAIL_POINTS
@@ -105,6 +106,8 @@ class HistoryKeeper:
                 continue
             key = (report.agent, pair.peer)
             before = self._pairs.get(key, PairSeries()).points
+            if before and before[-1][0] > report.time_s:
+                before = ()  # of a process before, whose clock was ahead
             point = (report.time_s, pair.distance, pair.sigma, pair.sigma_lb)
             self._pairs[key] = PairSeries(_put(before, point, SAMPLES))
 
@@ -130,6 +133,8 @@ class HistoryKeeper:
 def _grown(series: LinkSeries, report: LinkReport, time_s: float) -> LinkSeries:
     ages = series.ages_s if report.age_s is None else _put(series.ages_s, report.age_s, SAMPLES)
     old, counts = 0, series.counts
+    if counts and counts[-1][0] > time_s:
+        counts = ()  # of a process before, whose clock was ahead
     while old < len(counts) and counts[old][0] < time_s - LOSS_WINDOW_S:
         old += 1
     return LinkSeries(ages, (*counts[old:], (time_s, report.received, report.lost)))

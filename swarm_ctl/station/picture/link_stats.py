@@ -10,6 +10,7 @@ from itertools import accumulate, islice
 from operator import attrgetter
 from typing import Final
 
+from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
 from swarm_ctl.core.swarm.clocks import PeerClock
 from swarm_ctl.station.picture.view import Reception
 
@@ -51,9 +52,13 @@ class Receiver:
 
     def hear(self, seq: int, sent_s: float, received_s: float) -> bool:
         """Count a message; False where it is not newer than what is known already."""
-        self._clock.told(sent_s, received_s)
         last = self._last
-        if last is not None and sent_s <= last.sent_s:
+        back = last is not None and sent_s <= last.sent_s
+        if back and last is not None and self._is_new_process(seq, received_s, last):
+            self._clock.forget(sent_s, received_s)
+            back = False
+        self._clock.told(sent_s, received_s)
+        if back:
             self._late += 1
             if seq in self._missing:  # late, not lost
                 self._missing.remove(seq)
@@ -75,6 +80,11 @@ class Receiver:
         self._lost += lost
         self._forget(received_s)
         return True
+
+    @staticmethod
+    def _is_new_process(seq: int, received_s: float, last: _Arrival) -> bool:
+        """Behind in number, after a silence: it counts anew, by a clock that may be behind, too."""
+        return seq <= last.seq and received_s - last.received_s > NEIGHBOUR_S
 
     def answered(self, asked_s: float, heard_s: float, told_s: float, received_s: float) -> None:
         """Something of ours came back: as `PeerClock.answered`."""

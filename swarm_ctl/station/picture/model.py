@@ -226,6 +226,8 @@ class Model:
                 if heard.receiver.hear(payload.seq, payload.time_s, received_s):
                     if heard.state is not None and heard.state.gains_tag != payload.gains_tag:
                         heard.law_since_s = received_s
+                    if heard.state is not None and payload.time_s <= heard.state.time_s:
+                        heard.status = heard.sigma = None  # of the process before this one
                     heard.state = payload
                     self._history.state(payload)
             case AgentStatus():

@@ -14,6 +14,7 @@ from swarm_ctl.core.model.frames import geodetic_from_ned
 from swarm_ctl.core.model.messages import (
     Ack,
     Command,
+    Echo,
     Event,
     ExchangeState,
     LinkReport,
@@ -86,6 +87,25 @@ def test_late_messages_change_no_picture() -> None:
     assert after.agent(1).state == before.agent(1).state
     assert after.agent(1).status == before.agent(1).status
     assert after.agent(1).link.late == before.agent(1).link.late + 1
+
+
+def test_an_agent_that_was_started_again_is_seen_at_once_whatever_its_clock_shows() -> None:
+    """Its new process counts from 0: what it says counts, nothing of the one before does, and its
+    states are as old as they are, not as old as the other clock makes them."""
+    model = flying_model(PLAN, 30.0)
+    model.fold(status_of(PLAN, 1, 30.0, echo=Echo("", 29.9, 0.05)), 30.0)
+    for k in range(3):
+        state = state_of(PLAN, 1, 0.1 + 0.05 * k, seq=k, phase=Phase.LAND)
+        model.fold(state, 32.0 + 0.05 * k)
+    agent = model.view(32.2).agent(1)
+    assert (agent.phase, agent.link.restarts, agent.status) == (Phase.LAND, 1, None)
+    assert agent.link.age_s == pytest.approx(0.1)
+    model.fold(status_of(PLAN, 1, 0.3, phase=Phase.LAND), 32.2)
+    view = model.view(32.2)
+    assert view.agent(1).status is not None
+    assert len(view.histories.trails[1]) == 1 + len(
+        flying_model(PLAN, 30.0).view(30.0).histories.trails[1]
+    )
 
 
 def test_a_view_never_changes_again() -> None:
