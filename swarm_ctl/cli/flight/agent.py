@@ -20,6 +20,7 @@ from swarm_ctl.cli.shared.options import (
     ZenohConfig,
     endpoint_option,
     option,
+    require_writable,
     switch,
     zenoh_settings,
 )
@@ -157,6 +158,9 @@ def agent(
         refuse_exposed(exposures(alone, config.connect), str(fleet or file), keys)
     if keys is not None:
         threading.Thread(target=_explain, args=(keys, config.connect), daemon=True).start()
+    if record is not None:
+        require_writable(record, "choose with --record")
+        record.mkdir(parents=True, exist_ok=True)
     beside = None if domain is None else _beside(config, domain)
     leave(run_agent(config, SignalLifeline(), show_on_terminal, beside))
 

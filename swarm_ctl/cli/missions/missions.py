@@ -108,8 +108,9 @@ def plan(
         if read is not None and out.exists() and read.exists() and out.samefile(read):
             raise InputError(f"--out {out}: the plan is made from this file; choose another one")
     write_whole(out, plan_to_json(loaded.plan, loaded.fleet))
-    agents, name = len(loaded.plan.agents), named_by_hash(loaded.plan, loaded.fleet)
-    console.say(f"plan: {out}, {agents} agents, {name}; swarm-ctl agent {out} --id ID")
+    plan, name = loaded.plan, named_by_hash(loaded.plan, loaded.fleet)
+    which = f"plan {plan.fingerprint()}, with its fleet {name}"
+    console.say(f"plan: {out}, {len(plan.agents)} agents, {which}; swarm-ctl agent {out} --id ID")
 
 
 def schema() -> None:

@@ -114,15 +114,15 @@ class _Once:
 
 
 class Hint:
-    """What to tell the operator of a station that has no run folder: from when on it has a log, and
-    now and then, while it hears no agent, the endpoints."""
+    """What to tell the operator of a station that joins a swarm elsewhere: from when on it has a
+    log, that nothing is recorded unless it `records`, and now and then, while it hears no agent,
+    the endpoints."""
 
-    def __init__(self, mesh: SwarmElsewhere) -> None:
+    def __init__(self, mesh: SwarmElsewhere, *, records: bool = False) -> None:
         self._mesh = mesh
-        self._log = _Once(
-            "log from now on: what was said before was not heard here; nothing is recorded (--runs"
-            " FOLDER records, and makes a run that `send` finds)"
-        )
+        lost = "; nothing is recorded (--runs FOLDER records, and makes a run that `send` finds)"
+        lost = "" if records else lost
+        self._log = _Once(f"log from now on: what was said before was not heard here{lost}")
         self._due = wall.wall_s() + _QUIET_WALL_S
 
     def __call__(self) -> str:

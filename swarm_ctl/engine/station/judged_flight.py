@@ -107,7 +107,7 @@ class _Flight(Control):
         truth: Path | None = None,
     ) -> None:
         self._swarm = swarm
-        self._hint = Hint(swarm)
+        self._hint = Hint(swarm, records=True)
         self._source = truth
         self._runs = runs
         self._interrupts = interrupts

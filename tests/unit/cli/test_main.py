@@ -145,11 +145,13 @@ def test_report_takes_the_newest_run(
     assert capsys.readouterr().err.startswith("error: runs/20260101-120001-b: ")
 
 
+_ALONE = "--endpoint udpout:127.0.0.1:9 --mesh tcp/127.0.0.1:9"
 UNWRITABLE = {
     "study": "study --missions 1 --out {}.csv",
     "search": "study --missions 1 --search smallest --budget 100000000 --out {}.csv",
     "picture": "study --missions 1 --out x.csv --row 1 --picture {}.png",
     "plan": "plan {mission} --out {}",
+    "agent": f"agent {{mission}} --id 1 {_ALONE} --record {{}}",
     "compare": "compare a b --out {}.html",
     "paper": "paper --out {}",
 }

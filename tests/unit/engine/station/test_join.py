@@ -44,13 +44,14 @@ def test_the_run_folder_has_the_log_from_the_start(tmp_path: Path) -> None:
 
 
 def test_without_a_run_folder_it_says_that_its_log_begins_now() -> None:
-    """Once it hears an agent, and once."""
+    """Once it hears an agent, and once; and that nothing is recorded, where nothing is."""
     clock = MeshClock(1.0)
     mesh: Any = SimpleNamespace(clock=clock, connect=["tcp/10.0.0.11:7447"], identity=None)
-    hint = Hint(mesh)
+    hint, recording = Hint(mesh), Hint(mesh, records=True)
     assert hint() == ""
     clock.hear(1, 40.0)
-    assert "log from now on" in hint()
+    assert "nothing is recorded" in (told := hint())
+    assert told.startswith(f"{recording()}; ")
     assert hint() == ""
 
 
