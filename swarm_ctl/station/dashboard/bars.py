@@ -27,7 +27,9 @@ from swarm_ctl.station.picture.summaries import (
     flown_order,
     group_words,
     meant_by,
+    open_of,
     refusals,
+    taken_by,
     verdict,
 )
 from swarm_ctl.station.picture.view import CommandView, SwarmView
@@ -168,10 +170,9 @@ def usage_line(typed: str, plan: Plan) -> StyledLine:
 
 def _answers(command: CommandView, view: SwarmView) -> StyledLine:
     meant, refused = meant_by(command, view), refusals(command, view)
+    taken, waiting = taken_by(command, view), open_of(command, view)
     words = f"{command_words(command.command)} {group_words(command, view)}".rstrip()
     line = StyledLine(f" {words}", "bold").add(" ")
-    taken = [i for i in meant if i in command.acks and command.acks[i].accepted]
-    waiting = [i for i in meant if i not in command.acks]
     if not waiting and not refused:
         return line.add(f" {WELL} {agents_named(taken)}", "green")
     if len(meant) <= _EACH:
@@ -179,7 +180,9 @@ def _answers(command: CommandView, view: SwarmView) -> StyledLine:
             line.add(f" {i}{WELL}", "green")
     elif taken:
         line.add(f" {len(taken)}{WELL}", "green")
-    if waiting:
+    if waiting and command.over:
+        line.add(f"  no answer heard from {agents_named(waiting)}", "yellow")
+    elif waiting:
         line.add(f" {ranges(waiting)}{WAITING}", "cyan")
     for reason, ids in refused.items():
         line.add(f"  {SIGN[Level.ERROR]} {agents_named(ids)}: {reason}", LEVEL_STYLE[Level.ERROR])

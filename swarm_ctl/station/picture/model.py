@@ -38,11 +38,11 @@ from swarm_ctl.core.model.targets import TargetNow
 from swarm_ctl.core.model.timeouts import NEIGHBOUR_S
 from swarm_ctl.core.swarm.in_plan import InPlan
 from swarm_ctl.core.swarm.plausibility import SUSPECT_S
+from swarm_ctl.station.picture.answered import CommandLog
 from swarm_ctl.station.picture.history import HistoryKeeper
 from swarm_ctl.station.picture.link_stats import Receiver
 from swarm_ctl.station.picture.view import (
     AgentView,
-    CommandView,
     EdgeView,
     FollowView,
     GroupView,
@@ -55,7 +55,6 @@ from swarm_ctl.station.picture.view import (
 
 _EVENTS: Final = 1000
 """Half as many as the log has entries: one view leaves room for what stood there."""
-_COMMANDS: Final = 100
 _STRANGERS: Final = 32
 """Agents that are not in the plan, and stations: of more than these nothing is shown."""
 _STAYS: Final = (None, FailsafeAction.HOLD)
@@ -166,15 +165,6 @@ class _Moment:
     """What each group follows, and since when."""
 
 
-@dataclass(slots=True)
-class _Answered:
-    command: Command
-    received_s: float
-    at_step: int = 0
-    """The furthest step of the agents that it is for, when it came."""
-    acks: dict[int, Ack] = field(default_factory=dict)
-
-
 class Model:
     """The station's memory. `fold` takes every payload that arrives, `view` gives the picture at a
     moment."""
@@ -192,7 +182,7 @@ class Model:
         self._heard = {agent.id: _Heard() for agent in plan.agents}
         self._events: deque[Event] = deque(maxlen=_EVENTS)
         self._event_count = 0
-        self._commands: dict[str, _Answered] = {}
+        self._commands = CommandLog(speedup)
         self._stations: dict[str, float] = {}
         self._targets = Targets(plan, own_id=0)
         """Believed as an agent believes them that hears the same words."""
@@ -230,6 +220,7 @@ class Model:
                         heard.status = heard.sigma = None  # of the process before this one
                     heard.state = payload
                     self._history.state(payload)
+                    self._commands.state(payload, received_s)
             case AgentStatus():
                 heard = self._of(payload.agent, received_s)
                 if heard.status is None or payload.time_s >= heard.status.time_s:
@@ -248,13 +239,9 @@ class Model:
             case Command():
                 meant = payload.agents or tuple(self._planned)
                 states = [self._heard[i].state for i in meant if i in self._heard]
-                now_at = max((state.step for state in states if state), default=0)
-                self._commands.setdefault(payload.id, _Answered(payload, received_s, now_at))
-                while len(self._commands) > _COMMANDS:
-                    del self._commands[next(iter(self._commands))]
+                self._commands.hear(payload, received_s, [state for state in states if state])
             case Ack():
-                if payload.command in self._commands:
-                    self._commands[payload.command].acks[payload.agent] = payload
+                self._commands.ack(payload)
             case TargetWord():
                 self._sight(payload, received_s)
             case StationBeacon():
@@ -312,9 +299,7 @@ class Model:
             error_m=max(moment.away_m.values(), default=None),
             events=tuple(self._events),
             event_count=self._event_count,
-            commands=tuple(
-                CommandView(c.command, c.received_s, dict(c.acks)) for c in self._commands.values()
-            ),
+            commands=self._commands.views(now_s),
             stations=stations,
             groups=tuple(self._grouped(moment)),
             targets=tuple(self._seen(moment)),
@@ -404,7 +389,7 @@ class Model:
         flown = [self._heard[agent].state for agent in formation.intersection(group.ids)]
         tags = {state.override for state in flown if state is not None and state.override}
         if tags:
-            given = [a for a in self._commands.values() if a.command.tag in tags]
+            given = [a for a in self._commands if a.command.tag in tags]
             order = given[-1].command.step if given else None
             follows = order.follows if order is not None else None
             return (follows, given[-1].received_s) if follows is not None else None
@@ -519,7 +504,7 @@ class Model:
             for k, s in zip(group.numbers, group.steps, strict=True)
             if k <= step and (form := s.new_shape) is not None
         ]
-        for answered in self._commands.values():
+        for answered in self._commands:
             order = answered.command.step
             commanded = order.new_shape if order is not None else None
             resumed = bool(forms) and forms[-1][0] == step and not self._overridden(group)

@@ -180,17 +180,29 @@ def _answers_for_all(agent: AgentView, command: CommandView) -> bool:
     return ack is not None and (ack.accepted or not spared)
 
 
+def taken_by(command: CommandView, view: SwarmView) -> list[int]:
+    """The agents that accepted it, or show that they obey it."""
+    ok = command.shown.union(i for i, ack in command.acks.items() if ack.accepted)
+    return [i for i in meant_by(command, view) if i in ok]
+
+
+def open_of(command: CommandView, view: SwarmView) -> list[int]:
+    """The agents of which no answer was heard."""
+    known = command.shown.union(command.acks)
+    return [i for i in meant_by(command, view) if i not in known]
+
+
 def answers(command: CommandView, view: SwarmView) -> str:
     """How far a command is acknowledged: the agents that took it, refused it, have not answered;
     and what those do that it does not name."""
-    meant = meant_by(command, view)
-    taken = [i for i in meant if i in command.acks and command.acks[i].accepted]
-    open_ = [i for i in meant if i not in command.acks]
+    meant, taken = meant_by(command, view), taken_by(command, view)
+    open_ = open_of(command, view)
     parts = [f"acknowledged by {agents_counted(taken)}"] if taken else []
     parts += [
         f"refused by {agents_counted(ids)}: {why}" for why, ids in refusals(command, view).items()
     ]
-    parts += [f"waiting for {agents_counted(open_)}"] if open_ else []
+    waits = "no answer heard from" if command.over else "waiting for"
+    parts += [f"{waits} {agents_counted(open_)}"] if open_ else []
     given = command.command
     left = view.left.union(meant)
     rest = others(given.kind, taken, view.plan, left, view.beside(meant)) if given.agents else ""

@@ -160,6 +160,10 @@ class CommandView:
     command: Command
     received_s: float
     acks: Mapping[int, Ack]
+    shown: frozenset[int] = frozenset()
+    """The agents whose answer was not heard, and whose states say that they obey."""
+    over: bool = False
+    """Its sender repeats it no more: an answer that was not heard will not come."""
 
 
 @dataclass(frozen=True, slots=True)

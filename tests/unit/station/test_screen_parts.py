@@ -324,6 +324,9 @@ def test_the_answers_name_the_group_that_an_order_was_for() -> None:
     command = CommandView(order, 59.0, acks)
     line = answers_line(Picture(replace(view, commands=(command,)))).text
     assert line.split() == ["hold", "@scouts", "✓", "agents", "1-4"]
+    missed = replace(command, acks={i: acks[i] for i in SCOUTS[:-1]}, over=True)
+    line = answers_line(Picture(replace(view, commands=(missed,)))).text
+    assert line.endswith("3✓  no answer heard from agent 4")
     told = answers(command, view)
     assert told.startswith("hold @scouts: acknowledged by agents 1-4")
     assert "agents 5-12 fly on, and where the groups meet they wait for them 120 s" in told

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from swarm_ctl.commands.parse import Order
 from swarm_ctl.core.model.causes import Cause, FailsafeAction
-from swarm_ctl.core.model.messages import Ack, Command, CommandKind, Event
+from swarm_ctl.core.model.messages import Ack, Command, CommandKind, Event, Phase
 from swarm_ctl.engine.station.ground_station import swarm_now
 from swarm_ctl.station.picture.alarms import Level
 from swarm_ctl.station.picture.journal import Journal, JournalLine
@@ -88,6 +90,44 @@ def test_a_command_is_one_line_that_grows() -> None:
         "land: acknowledged by agents 1-5, refused by agent 6: no",
         Level.WARNING,
     )
+
+
+def _orders(journal: Journal) -> list[str]:
+    return [entry.text for entry in journal.entries if entry.kind == "command"]
+
+
+_SIX = "land: acknowledged by agents 1-6"
+
+
+@pytest.mark.parametrize(
+    ("kind", "early", "later", "told"),
+    [
+        ("land", True, {}, _SIX),
+        ("land", False, {"phase": Phase.LAND}, _SIX),
+        ("hold", False, {"override": Command("c", "", (), 0.0).tag}, _SIX.replace("land", "hold")),
+        ("resume", False, {"override": 0}, _SIX.replace("land", "resume")),
+        ("land", False, {}, "land: acknowledged by agents 1-5, no answer heard from agent 6"),
+    ],
+)
+def test_a_station_does_not_wait_for_an_answer_that_it_missed(
+    kind: str, early: bool, later: dict[str, Any], told: str
+) -> None:
+    """Nobody sends it again: it came before the command, by another link; what the agent flies says
+    the same; or it never came."""
+    model, journal = flying_model(PLAN), Journal()
+    model.fold(state_of(PLAN, 6, 29.98, seq=1200, override=5), 29.98)
+    if early:
+        model.fold(Ack(6, "c", True, ""), 30.0)
+    model.fold(Command("c", kind, (), 30.0), 30.0)
+    for agent in range(1, 6):
+        model.fold(Ack(agent, "c", True, ""), 30.1)
+    journal.update(model.view(30.2))
+    open_ = f"{kind}: acknowledged by agents 1-5, waiting for agent 6"
+    assert _orders(journal) == [told if early else open_]
+    model.fold(state_of(PLAN, 6, 36.0, seq=1201, **{"override": 5} | later), 36.0)
+    model.fold(state_of(PLAN, 6, 38.0, seq=1202), 38.0)
+    journal.update(model.view(81.0))
+    assert _orders(journal) == [told]
 
 
 def test_a_refusal_by_many_is_one_reason_and_agents_that_were_not_meant_do_not_refuse() -> None:
