@@ -100,6 +100,13 @@ class Extension:
         """Raise what the start would raise. Called before anything flies, in another process than
         the station's where `run` starts that."""
 
+    @classmethod
+    def port(cls, argument: str) -> int | None:
+        """The port of 127.0.0.1 that it serves at, which no other one of the station may have;
+        None: it serves at none. InputError as `check`."""
+        del argument
+        return None
+
     def take(self, view: SwarmView) -> None:
         """Get the newest view: about four a second of the wall clock, two of a large swarm, and the
         last one of the flight. A view never changes. One that waited too long is missed."""
@@ -142,6 +149,22 @@ def wanted(word: str) -> tuple[str, type[Extension], str]:
             " swarm_ctl.extension.Extension"
         )
     return name, kind, argument
+
+
+def refuse_shared_ports(options: Sequence[tuple[str, str]]) -> None:
+    """InputError where two extensions would serve at one port, and what `wanted` raises. `options`:
+    each as it was typed, and its `NAME[=ARGUMENT]`."""
+    taken: dict[int, str] = {}
+    for option, word in options:
+        _, kind, argument = wanted(word)
+        port = kind.port(argument)
+        if port in taken:
+            raise InputError(
+                f"{taken[port]} and {option}: both would serve at 127.0.0.1:{port}; allowed: a port"
+                " of its own for each"
+            )
+        if port is not None:
+            taken[port] = option
 
 
 def check(words: Sequence[str]) -> None:

@@ -70,7 +70,11 @@ class FoxgloveServer(Extension):
 
     @classmethod
     def check(cls, argument: str) -> None:
-        refuse_taken(port_of("foxglove", argument or _PORT), "foxglove")
+        refuse_taken(cls.port(argument), "foxglove")
+
+    @classmethod
+    def port(cls, argument: str) -> int:
+        return port_of("foxglove", argument or _PORT)
 
     def _pass_on(self, client: socket.socket, head: bytes) -> None:
         """Between a client that may ask and the SDK's own server, until one of them ends. Blocks

@@ -73,7 +73,11 @@ class Metrics(Extension):
 
     @classmethod
     def check(cls, argument: str) -> None:
-        refuse_taken(port_of("metrics", argument), "metrics")
+        refuse_taken(cls.port(argument), "metrics")
+
+    @classmethod
+    def port(cls, argument: str) -> int:
+        return port_of("metrics", argument)
 
     def _serve(self, client: socket.socket, head: bytes) -> None:
         if head.startswith((b"GET ", b"HEAD ")):

@@ -148,12 +148,17 @@ def attaching(command: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(command)
     def with_short_words(*words: Any, **given: Any) -> None:
-        attach = [*(given.pop("attach", None) or ())]
+        typed = [(f"--attach {word}", word) for word in given.pop("attach", None) or ()]
         for each in SHORT_WORDS:
-            attach += [
-                f"{each.extension}={argument}" for argument in given.pop(each.option, None) or ()
+            typed += [
+                (f"--{each.option} {argument}", f"{each.extension}={argument}")
+                for argument in given.pop(each.option, None) or ()
             ]
-        command(*words, **given, attach=attach)
+        if len(typed) > 1:
+            from swarm_ctl.extension import refuse_shared_ports
+
+            refuse_shared_ports(typed)
+        command(*words, **given, attach=[word for _, word in typed])
 
     parameters = [
         inspect.Parameter(
@@ -236,8 +241,8 @@ _GCS_ADDRESS: Final = re.compile(r"(?:(?P<host>[^:\s-][^:\s]*):)?(?P<port>\d+)")
 
 
 def gcs_addresses(given: Sequence[str]) -> tuple[tuple[str, int], ...]:
-    """Host and port of each `--gcs`; InputError where one is not an address."""
-    return tuple(_address(text) for text in dict.fromkeys(given))
+    """Host and port of each `--gcs`, once; InputError where one is not an address."""
+    return tuple(dict.fromkeys(_address(text) for text in given))
 
 
 def _address(text: str) -> tuple[str, int]:

@@ -61,6 +61,10 @@ class BrowserMap(Extension):
     def check(cls, argument: str) -> None:
         refuse_taken(_port(argument), "web")
 
+    @classmethod
+    def port(cls, argument: str) -> int:
+        return _port(argument)
+
     def take(self, view: SwarmView) -> None:
         with self._news:
             self._flight.take(view)
