@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import inspect
 import os
 import re
+import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import Annotated, Any, Final, NamedTuple
@@ -17,7 +19,7 @@ import typer
 from swarm_ctl.core.model.fleet import plain_endpoint
 from swarm_ctl.engine.vehicles.instances import GCS_PORT
 from swarm_ctl.errors import InputError, StartError
-from swarm_ctl.files import read_bytes
+from swarm_ctl.files import locked, read_bytes
 from swarm_ctl.mission.ready import named
 
 
@@ -116,6 +118,8 @@ _SPEEDUP = "Mission seconds per second of the wall clock."
 Speedup = Annotated[float, option("FACTOR", _SPEEDUP, min=0.1, max=100.0)]
 Seed = Annotated[int, option("NUMBER", "Seed of all random numbers.", min=0)]
 _ZENOH_BYTES = 1_000_000
+_LOCK: Final = ".lock"
+"""In a folder that one command alone may write."""
 _PROCESSES = "Processes to fly with.  [default: one per core]"
 Processes = Annotated[int | None, option("NUMBER", _PROCESSES, min=1)]
 
@@ -266,3 +270,17 @@ def require_writable(path: Path, choose: str) -> None:
             return
     except OSError as error:
         raise StartError(f"{path}: can't be written: {error.strerror}; {choose}") from None
+
+
+@contextlib.contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Make the folder where it is not there, and let no other command do the same until the block
+    ends, or this process dies, whatever kills it; StartError where another one is in it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / _LOCK).open("ab") as file:
+        if not locked(file.fileno()) and sys.platform != "win32":
+            raise StartError(
+                f"{folder}: another swarm-ctl writes here now; allowed: another --out, or this"
+                " command again when that one has ended"
+            )
+        yield

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.options import option, require_writable, switch
+from swarm_ctl.cli.shared.options import alone_in, option, require_writable, switch
 from swarm_ctl.errors import InputError
 from swarm_ctl.installed import require
 
@@ -63,26 +63,27 @@ def evidence(
     chosen = wanted(
         claims.rows, FlownWith.ALL if every else FlownWith.QUICK if quick else None, row or ()
     )
-    made = Evidence(out)
     flown, states = set[str](), set[str]()
-    try:
-        for each, again in made.fly(chosen):
-            write_evidence(made, claims)  # all of it takes hours: what there is can be read
-            if again is None:
-                flown.add(each.name)
-                console.say(f"{each.name}: {each.command}", style="dim")
-                continue
-            states.add(again.state)
-            colour = {HOLDS: "green", MOVED: "red", FAILED: "red"}.get(again.state, "yellow")
-            when = f"{again.took_s:.0f} s" if each.name in flown else f"flown {again.at}"
-            words = filter(None, [f"{each.name}: {again.state}, {when}", told(again)])
-            console.say(": ".join(words), style=colour)
-    except (KeyboardInterrupt, SystemExit):
-        console.say(f"{out}: {counted(made, claims)}; the same command goes on from here")
-        raise
-    finally:
-        page = write_evidence(made, claims)
-    console.say(f"{counted(made, claims)}\npage: {page}")
+    with alone_in(out):
+        made = Evidence(out)
+        try:
+            for each, again in made.fly(chosen):
+                write_evidence(made, claims)  # all of it takes hours: what there is can be read
+                if again is None:
+                    flown.add(each.name)
+                    console.say(f"{each.name}: {each.command}", style="dim")
+                    continue
+                states.add(again.state)
+                colour = {HOLDS: "green", MOVED: "red", FAILED: "red"}.get(again.state, "yellow")
+                when = f"{again.took_s:.0f} s" if each.name in flown else f"flown {again.at}"
+                words = filter(None, [f"{each.name}: {again.state}, {when}", told(again)])
+                console.say(": ".join(words), style=colour)
+        except (KeyboardInterrupt, SystemExit):
+            console.say(f"{out}: {counted(made, claims)}; the same command goes on from here")
+            raise
+        finally:
+            page = write_evidence(made, claims)
+        console.say(f"{counted(made, claims)}\npage: {page}")
     raise typer.Exit(int(bool(states & {MOVED, FAILED})))
 
 

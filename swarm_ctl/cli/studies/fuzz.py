@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.options import Processes, option, require_writable
+from swarm_ctl.cli.shared.options import Processes, alone_in, option, require_writable
 from swarm_ctl.errors import InputError
 from swarm_ctl.mission.ready import named
 
@@ -70,10 +70,11 @@ def fuzz(
     campaign = _campaign(mission, seed, out)
     campaign.lockstep = lockstep
     require_writable(out, "choose with --out")
-    campaign.load()
-    _fly(campaign, flights, processes, limit, console)
-    console.print(campaign.coverage().table())
-    raise typer.Exit(_say(campaign, console))
+    with alone_in(out):
+        campaign.load()
+        _fly(campaign, flights, processes, limit, console)
+        console.print(campaign.coverage().table())
+        raise typer.Exit(_say(campaign, console))
 
 
 def _campaign(mission: Path | None, seed: int, out: Path) -> Campaign:

@@ -15,6 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from swarm_ctl.cli.app import app
+from swarm_ctl.cli.shared.options import alone_in
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.fuzz import campaign as campaigns
 from swarm_ctl.fuzz import shrink as shrinking
@@ -141,6 +142,21 @@ def test_a_full_disk_is_named_and_the_campaign_goes_on(tmp_path: Path) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert not [each for each in tmp_path.rglob("*") if each.is_file()]
     campaign.load()
+
+
+@pytest.mark.parametrize("command", ["fuzz --flights 1", "evidence --row mix"])
+def test_two_never_write_into_one_folder(command: str, tmp_path: Path) -> None:
+    """The second one would fly the same again, and mix the journals."""
+    with alone_in(tmp_path):
+        refused = CliRunner().invoke(app, [*command.split(), "--out", str(tmp_path)])
+    assert isinstance(refused.exception, StartError)
+    assert str(refused.exception) == (
+        f"{tmp_path}: another swarm-ctl writes here now; allowed: another --out, or this command"
+        " again when that one has ended"
+    )
+    assert [path.name for path in tmp_path.iterdir()] == [".lock"]
+    with alone_in(tmp_path):
+        pass
 
 
 def test_time_ends_a_campaign_within_a_hundred_flights(
