@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
@@ -228,15 +228,21 @@ _TAKEN_S: Final = 1.0
 
 def _held_alone(view: SwarmView, limit_s: float) -> Found:
     """Agents that fly a command which was not given to all, or that not all have taken; but for
-    those that were sent to a point, for whom nobody waits. An agent that lands waits for none."""
-    flying = [agent for agent in view.agents if agent.live and agent.state is not None]
-    flying = [a for a in flying if a.state and a.state.left is not CommandKind.GOTO]
-    flying = [a for a in flying if a.state and a.state.phase not in _GOES_HOME]
+    those that were sent to a point, for whom nobody waits. An agent that lands waits for none; when
+    all others do, all that a command still keeps in the air are named."""
+    aloft = [a for a in view.agents if a.live and a.state and a.state.phase not in _GOES_HOME]
+    flying = [a for a in aloft if a.state and a.state.left is not CommandKind.GOTO]
+    if _others_are_home(view, aloft):
+        flying = aloft
+    elif all(a.state and a.state.override for a in flying):
+        return
     tags = {a.id: a.state.override for a in flying if a.state and a.state.override}
-    if tags and len(tags) < len(flying):
-        to_all = {c.command.tag: c.received_s for c in view.commands if not c.command.agents}
+    if tags:
+        meant = [c for c in view.commands if not (c.command.agents or c.command.about)]
+        to_all = {c.command.tag: c.received_s for c in meant}
         newest_s = max(to_all.values(), default=-math.inf)
-        if to_all.keys() >= set(tags.values()) and view.time_s < newest_s + _TAKEN_S:
+        soon = view.time_s < newest_s + _TAKEN_S or len(tags) == len(flying)
+        if to_all.keys() >= set(tags.values()) and soon:
             return  # no two agents take a command to all, or leave it, in the same moment
         sent = [c.command for c in view.commands]
         known = {c.tag: f"{c.kind} of {c.station}" if c.station else c.kind for c in sent}
@@ -244,10 +250,29 @@ def _held_alone(view: SwarmView, limit_s: float) -> Found:
             {known.get(tag, "of nobody whom this station heard") for tag in tags.values()}
         )
         who = printable(", ".join(whose))
+        others = {agent.id for agent in flying} - tags.keys()
         wait = f"the others wait {limit_s:g} s at most"
-        if {agent.id for agent in flying}.issubset((*tags, *view.beside(tags))):
+        if not others:
+            wait = "no other agent flies the mission"
+        elif _expelled(view, tags.keys(), others):
+            wait = "expelled: nobody waits"
+        elif others.issubset(view.beside(tags)):
             wait = f"where the groups meet, {wait}"
         yield tuple(tags), f"held by a command ({who}); {wait}"
+
+
+def _others_are_home(view: SwarmView, aloft: list[AgentView]) -> bool:
+    """All that are in the air fly a command, and an agent without it goes home, or is there."""
+    tags = {a.state.override for a in aloft if a.state}
+    states = (agent.state for agent in view.agents)
+    home = (s for s in states if s and s.phase in _GOES_HOME and s.override not in tags)
+    return 0 not in tags and any(home)
+
+
+def _expelled(view: SwarmView, agents: Collection[int], others: Collection[int]) -> bool:
+    """None of the others listens to these agents: each heard them once."""
+    told = [k.report for k in view.links if k.sender in agents and k.receiver in others]
+    return bool(told) and all(report.age_s is None and report.received for report in told)
 
 
 def _pause_s(view: SwarmView) -> float:

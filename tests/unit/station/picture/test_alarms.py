@@ -409,6 +409,34 @@ def test_a_command_to_some_is_told_with_its_sender(heard: bool, who: str) -> Non
     assert f"held by a command ({who})" in alarm.words
 
 
+@pytest.mark.parametrize("left", [None, CommandKind.GOTO])
+@pytest.mark.parametrize("phase", [Phase.LAND, Phase.ENDED])
+def test_who_hangs_in_the_air_by_a_command_when_all_others_are_down_is_told(
+    phase: Phase, left: CommandKind | None
+) -> None:
+    """All was well on the screen, with a vehicle that nobody would ever have brought down."""
+    model = flying_model(PLAN)
+    for agent in (1, 2, 3, 5, 6):
+        model.fold(state_of(PLAN, agent, 30.02, 2000, phase=phase, airborne=False), 30.03)
+    expel = Command("x", "expel", (), 30.0, station="station-9", about=(4,))
+    model.fold(expel, 30.0)
+    model.fold(state_of(PLAN, 4, 30.02, 2000, override=expel.tag, left=left), 30.03)
+    (alarm,) = (each for each in alarms(model.view(30.03)) if each.name == "held alone")
+    assert alarm.agents == (4,)
+    assert alarm.words.endswith("; no other agent flies the mission")
+
+
+def test_for_an_expelled_agent_nobody_is_said_to_wait() -> None:
+    """The others listen to it no more; the alarm had them wait for two minutes."""
+    model = flying_model(PLAN)
+    for agent in (1, 2, 3, 5, 6):
+        links = {4: LinkReport(None, None, None, 600, 0)}
+        model.fold(status_of(PLAN, agent, 30.02, links=links), 30.03)
+    model.fold(state_of(PLAN, 4, 30.02, 2000, override=7), 30.03)
+    (alarm,) = (each for each in alarms(model.view(30.03)) if each.name == "held alone")
+    assert alarm.words.endswith("; expelled: nobody waits")
+
+
 @pytest.mark.parametrize("others", [0, 7])
 @pytest.mark.parametrize("since", [{"left": CommandKind.GOTO}, {"phase": Phase.LAND}])
 def test_who_was_sent_to_a_point_or_lands_holds_nobody(since: dict[str, Any], others: int) -> None:
