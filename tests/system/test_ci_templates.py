@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 
 import pytest
 import yaml
+from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[2]
 ACTION = yaml.safe_load((ROOT / ".github/actions/fly/action.yml").read_text())
@@ -63,6 +64,16 @@ def test_the_gitlab_job_gives_the_same_command() -> None:
     assert command in flight
     assert JOB["artifacts"]["reports"]["junit"] == "$FOLDER/junit.xml"
     assert set(JOB["variables"]) == {"PACKAGE", "MISSION", "ARGUMENTS", "FOLDER"}
+
+
+def test_the_gitlab_job_of_the_page_says_where_the_package_is() -> None:
+    """In the user's own project `.[ground]` is the user's, or nothing. Git fetches it."""
+    page = (ROOT / "docs" / "do" / "testing.md").read_text()
+    (block,) = (b for b in page.split("```") if b.startswith("yaml\n# GitLab\n"))
+    package = yaml.safe_load(block.removeprefix("yaml"))["patrol"]["variables"]["PACKAGE"]
+    assert Requirement(package).extras == {"ground"}
+    assert "git+" in package
+    assert "slim" not in JOB["image"]
 
 
 def test_the_project_runs_its_own_ci() -> None:

@@ -34,7 +34,8 @@ _FOLDER: Final = "The trust folder.  [default: the fleet's, or the only one in t
 _REQUEST: Final = "A request of a host that keeps its private key (trust request); again for more."
 FleetOption = Annotated[Path | None, option("FILE", _FLEET)]
 FolderOption = Annotated[Path | None, option("FOLDER", _FOLDER)]
-Days = Annotated[int, option("DAYS", "How long certificates are valid.", min=1, max=366)]
+_DAYS: Final = "How long certificates are valid. On their last day no vehicle takes off."
+Days = Annotated[int, option("DAYS", _DAYS, min=2, max=366)]
 Requests = Annotated[list[Path] | None, option("FILE", _REQUEST, "--csr")]
 _ROLE: Final = "agent, operator, viewer or router."
 RoleName = Annotated[Role, typer.Argument(metavar="ROLE", help=_ROLE)]
