@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from swarm_ctl.core.model.messages import AgentState, Phase
 from swarm_ctl.core.model.plan import Point
@@ -89,11 +89,20 @@ class AgentScript:
 NO_SCRIPT: Final = AgentScript()
 
 
+class ScriptedOrder(NamedTuple):
+    """An order of the scenario."""
+
+    at_s: float
+    line: str
+    may_be_refused: bool = False
+    """Else a refusal fails the run."""
+
+
 @dataclass(frozen=True, slots=True)
 class StationScript:
     """What the operator does, and when the station is killed."""
 
-    orders: tuple[tuple[float, str], ...] = ()
+    orders: tuple[ScriptedOrder, ...] = ()
     ends_s: float = 0.0
     """From here on he lands whoever holds."""
     killed_s: float | None = None

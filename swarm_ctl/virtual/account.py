@@ -4,7 +4,7 @@ as `run` judges a folder. With a folder it leaves all that `run` leaves, for rep
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,6 +23,7 @@ from swarm_ctl.report.judge.summary import Summary, write_summary
 from swarm_ctl.runfolder.files import Damage
 from swarm_ctl.runfolder.last_statuses import FINAL, last_statuses, of_processes, shifted
 from swarm_ctl.runfolder.manifest import Manifest, package_versions, write_manifest
+from swarm_ctl.runfolder.refused_orders import RefusedOrder, write_refused
 from swarm_ctl.runfolder.run_folder import RunFolder, flown, zone_spells
 from swarm_ctl.runfolder.tracks import ONE_CLOCK_S
 from swarm_ctl.runfolder.truth import TRUTH, Truth, truth_line, truth_of
@@ -161,9 +162,12 @@ class Account:
         behind_s = self._behind_s.get(status.agent, 0.0)
         return shifted(status, behind_s) if abs(behind_s) > ONE_CLOCK_S else status
 
-    def judge(self, killed: Mapping[str, bool]) -> tuple[Summary, Truth]:
+    def judge(
+        self, killed: Mapping[str, bool], refused: Sequence[RefusedOrder] = ()
+    ) -> tuple[Summary, Truth]:
         """The flight's summary and truth, once that is closed. `killed`: all processes that a run
-        would have had, and whether this one was killed."""
+        would have had, and whether this one was killed; `refused`: the scenario's orders that had
+        to be accepted, and were not."""
         codes = {name: _KILLED if dead else 0 for name, dead in killed.items()}
         for agent, status in self.finals.items():
             if not killed[f"agent-{agent}"]:
@@ -173,10 +177,13 @@ class Account:
         if self._folder is not None:
             if self._recorder is not None:
                 self._recorder.close()
+            for each in refused:
+                write_refused(self._folder, each)
             summary = summarise(self._folder, codes)
             write_summary(self._folder, summary)
         else:
-            summary = summary_of(self._run(killed, truth), self.events, (), codes)
+            run = self._run(killed, truth)
+            summary = summary_of(run, self.events, (), codes, refused=refused)
         self._trace.update(f"{summary.outcome} {summary.cause} {summary.reason}".encode())
         return summary, truth
 

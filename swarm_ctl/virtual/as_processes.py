@@ -5,7 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from swarm_ctl.core.model.plan import Plan, Policy
-from swarm_ctl.engine.script import AgentScript, Deed, Due, RunScript, StationScript, Untruth
+from swarm_ctl.engine.script import (
+    AgentScript,
+    Deed,
+    Due,
+    RunScript,
+    ScriptedOrder,
+    StationScript,
+    Untruth,
+)
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh.impaired import Impairment
 from swarm_ctl.virtual.scenario import (
@@ -56,7 +64,9 @@ def _refuse(number: int, happening: Happening, plan: Plan) -> None:
 
 def _station_script(scenario: Scenario) -> StationScript:
     happens = sorted(scenario.happens, key=lambda each: each.at_s)
-    orders = tuple((each.at_s, each.order) for each in happens if each.order)
+    orders = tuple(
+        ScriptedOrder(each.at_s, each.order, each.may_be_refused) for each in happens if each.order
+    )
     gone = [each.at_s for each in happens if each.station]
     return StationScript(orders, scenario.ends_s, min(gone, default=None))
 

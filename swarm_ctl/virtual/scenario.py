@@ -112,6 +112,8 @@ class Happening(Section):
     """For how long: of what can end. Default: to the flight's end."""
     order: Annotated[str, Field(min_length=1, max_length=200, examples=["hold @2", "next"])] = ""
     """What the operator types at the station."""
+    may_be_refused: bool = False
+    """The order may be refused; else the run fails where it is."""
     kill: Ids | None = None
     """The agents' processes are killed."""
     restart: Ids | None = None
@@ -158,6 +160,8 @@ class Happening(Section):
             raise ValueError(
                 f"{found} at {self.at_s:g} s; allowed: exactly one of {', '.join(self.KINDS)}"
             )
+        if self.may_be_refused and not self.order:
+            raise ValueError(f"{given[0]} with may_be_refused; allowed: beside an order")
         if self.stop and self.for_s is None:
             raise ValueError("a stop without for_s; allowed: for_s, the seconds until they go on")
         return self

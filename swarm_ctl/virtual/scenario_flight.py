@@ -15,9 +15,9 @@ from swarm_ctl.core.model.messages import AgentStatus, Event, Phase
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S
 from swarm_ctl.engine.collector import collected_rarely
-from swarm_ctl.engine.script import HELD_S, Holding, holds
+from swarm_ctl.engine.script import HELD_S, Holding, ScriptedOrder, holds
 from swarm_ctl.engine.station.ground_station import Station
-from swarm_ctl.engine.station.scripted_operator import give_line
+from swarm_ctl.engine.station.scripted_operator import give_line, refusal
 from swarm_ctl.errors import InputError
 from swarm_ctl.mesh.impaired import ImpairedTransport
 from swarm_ctl.mesh.memory_transport import MemoryTransport
@@ -25,6 +25,7 @@ from swarm_ctl.mesh.node import Node
 from swarm_ctl.mesh.transport import Transport
 from swarm_ctl.mission.compile.loader import LoadedMission
 from swarm_ctl.report.judge.summary import Summary
+from swarm_ctl.runfolder.refused_orders import RefusedOrder, in_order
 from swarm_ctl.runfolder.truth import Truth
 from swarm_ctl.virtual.account import Account
 from swarm_ctl.virtual.as_processes import cut, dice_of, impairment_of, own_clocks, untruth_of
@@ -57,6 +58,14 @@ class GivenOrder:
     """None: the station refused to build it."""
     refused: str = ""
     """Why."""
+    may_be_refused: bool = False
+
+    @property
+    def refusal(self) -> RefusedOrder | None:
+        """That it was refused; None: it was not, or may be."""
+        if self.sent is not None:
+            return refusal(ScriptedOrder(self.at_s, self.line, self.may_be_refused), self.sent)
+        return None if self.may_be_refused else RefusedOrder(self.at_s, self.line, self.refused)
 
 
 @dataclass(slots=True)
@@ -161,7 +170,7 @@ class ScenarioFlight:
         at_s, for_s = happening.at_s, happening.for_s
         end_s = None if for_s is None else at_s + for_s
         if happening.order:
-            yield at_s, lambda: self._order(happening.order)
+            yield at_s, lambda: self._order(happening.order, may=happening.may_be_refused)
         elif happening.kill:
             yield at_s, lambda: self.kill(*happening.kill or ())
         elif happening.restart:
@@ -188,17 +197,18 @@ class ScenarioFlight:
         else:  # the simulator's own timetable has it
             yield at_s, lambda: None
 
-    def _order(self, line: str) -> None:
+    def _order(self, line: str, *, may: bool) -> None:
+        """`may`: it may be refused."""
         now = self.swarm.now
+        sent, refused = None, ""
         if self.station is None:
-            self.orders.append(GivenOrder(now, line, None, "there is no station"))
-            return
-        try:
-            sent = give_line(self.station, line, len(self.orders) + 1)
-        except InputError as error:
-            self.orders.append(GivenOrder(now, line, None, str(error)))
-            return
-        self.orders.append(GivenOrder(now, line, sent))
+            refused, may = "there is no station", True  # the scenario has killed it
+        else:
+            try:
+                sent = give_line(self.station, line, len(self.orders) + 1)
+            except InputError as error:
+                refused = str(error)
+        self.orders.append(GivenOrder(now, line, sent, refused, may))
 
     def operated(self, number: int) -> Station:
         """The station that the operator sits at, as in a run."""
@@ -297,7 +307,7 @@ class ScenarioFlight:
         if not self.lands_the_held or not self._holding.lands(holds(states), self.swarm.now):
             return
         if self.station is not None:
-            self._order("land")
+            self._order("land", may=True)
         else:
             self._station_comes()
 
@@ -342,7 +352,8 @@ class ScenarioFlight:
         self._truth.close()
         swarm.hub.recorder = None
         names = [*(f"agent-{agent}" for agent in self._ids), STATION, "simulator"]
-        summary, truth = self.account.judge({name: name in self._killed for name in names})
+        refused = in_order(each for order in self.orders if (each := order.refusal))
+        summary, truth = self.account.judge({name: name in self._killed for name in names}, refused)
         return FlownScenario(
             scenario=self.scenario,
             mission=self.mission,

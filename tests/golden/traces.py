@@ -117,6 +117,8 @@ def _row(name: str, folder: Path | None) -> tuple[str, str]:
         scenario, mission = scenario_of(f"version: 1\nmission: {path}\n")
     else:
         scenario, mission = load_scenario(path)
+        may = [each.model_copy(update={"may_be_refused": True}) for each in scenario.happens]
+        scenario = scenario.model_copy(update={"happens": tuple(may)})
     flight = ScenarioFlight(scenario, mission)
     flight.swarm.mesh.tap = _without_hash(flight)
     with contextlib.ExitStack() as stack:

@@ -25,6 +25,7 @@ mesh: {loss: 0.2, delay_s: 0.05, jitter_s: 0.1, duplicate: 0.1}
 clocks:
   - {agents: [2], ahead_s: 100, drift: 0.0001}
 happens:
+  - {at_s: 7, order: next}
   - {at_s: 10, vehicle: {agents: [1], set: {SIM_GPS_NOISE: 0.3}}, for_s: 3}
   - {at_s: 13, order: hold}
   - {at_s: 14, says: {agents: [1], moved_m: [0.4, 0]}, for_s: 2}
@@ -55,6 +56,9 @@ def test_processes_fly_what_the_virtual_clock_flies(tmp_path: Path) -> None:
     truth = (running.folder / "truth.jsonl").read_bytes()
     assert truth == (tmp_path / "virtual" / "truth.jsonl").read_bytes()
     assert running.summary()["outcome"] == flown.summary.outcome
+    refused = [each.model_dump() for each in flown.summary.refused_orders]
+    assert running.summary()["refused_orders"] == refused
+    assert [(each["time_s"], each["order"]) for each in refused] == [(7.0, "next")]
     assert load_scenario(running.folder / "scenario.yaml")[0] == flown.scenario
 
 

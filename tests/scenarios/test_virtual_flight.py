@@ -104,6 +104,22 @@ def test_what_run_refuses_is_refused(swarm: Fly, tmp_path: Path) -> None:
         swarm(again)
 
 
+@pytest.mark.parametrize(
+    ("may", "outcome"), [("", "failed"), ("may_be_refused: true", "completed")]
+)
+def test_an_order_that_the_swarm_refuses_fails_its_scenario(
+    may: str, outcome: str, swarm: Fly
+) -> None:
+    """A CI that flies it has to learn of it, unless the scenario says that it may be."""
+    text = f"version: 1\nmission: {LOW}\nhappens: [{{at_s: 5, order: next, {may}}}]\n"
+    summary = swarm(text, virtual=True).finish().summary
+    assert summary.outcome == outcome
+    assert ("`next` at 5 s: agents 1-3: refused: not flying yet" in summary.reason) == (not may)
+    assert len(summary.refused_orders) == (not may)
+    with pytest.raises(MissionError, match=r"happens#2: .*may_be_ref.* is not allowed"):
+        scenario_of(SCENARIO + "  - {at_s: 13, kill: [1], may_be_refused: true}\n")
+
+
 @pytest.mark.long
 @pytest.mark.lockstep
 @pytest.mark.timeout(120)

@@ -21,6 +21,8 @@ from swarm_ctl.engine.station.ground_station import Station
 from swarm_ctl.engine.station.screens import Screen
 from swarm_ctl.engine.station.scripted_operator import ScriptedOperator
 from swarm_ctl.errors import InputError
+from swarm_ctl.rim import Rim
+from swarm_ctl.runfolder.refused_orders import write_refused
 from swarm_ctl.station.picture.view import AgentView, SwarmView
 
 _LOOP_WALL_S: Final = 0.05
@@ -127,6 +129,7 @@ class RunControl(Control):
     ) -> None:
         self._pipe = pipe
         self._seat = seat
+        self._folder = folder
         self._truth = folder / "truth.jsonl"
         self._accounts = folder / "agents"
         self._script = script
@@ -139,6 +142,10 @@ class RunControl(Control):
             if message.get("finish"):
                 self._seat.leave()
                 station.turn()
+                if self._operator is not None:
+                    self._operator.end()
+                    for text in station.troubles():
+                        screen.note(text)
                 if (view := station.seen()) is not None:
                     station.shows.run(screen.show, view)
                 return True
@@ -157,7 +164,14 @@ class RunControl(Control):
     def end(self, station: Station, screen: Screen) -> None:
         if self._script is not None:
             if self._operator is None:
-                self._operator = ScriptedOperator(self._script, station, screen.note)
+                rim = Rim("the record of refused orders")
+                station.tell_of([rim])
+                self._operator = ScriptedOperator(
+                    self._script,
+                    station,
+                    screen.note,
+                    lambda refused: rim.run(write_refused, self._folder, refused),
+                )
             if self._operator.turn(self._seat.clock.now()):
                 die(self._seat)
         self._seat.end()

@@ -64,6 +64,8 @@ def draw(
         dice = Dice(seed, number, attempt)
         try:
             data = _scenario(dice, wanted, f"drawn-{seed}-{number}", of)
+            for each in data.get("happens", ()):
+                each |= {"may_be_refused": True} if "order" in each else {}
             scenario, mission = scenario_of(yaml_file.write(data))
             refuse_too_close(mission, forecast(mission.plan))
         except (InputError, MissionError) as error:  # drawn outside of what is allowed: again

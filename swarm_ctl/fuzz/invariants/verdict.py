@@ -166,7 +166,8 @@ def _who_was_first(seen: Seen) -> Iterator[str]:
             f"the verdict is aborted, but agent {first.agent} had failed at {first.at_s:.1f} s"
             f" ({first.reason})"
         )
-    if summary.outcome is not Outcome.FAILED or summary.findings or seen.elsewhen:
+    found = summary.findings or summary.refused_orders
+    if summary.outcome is not Outcome.FAILED or found or seen.elsewhen:
         return
     last = [said[-1] for said in seen.statuses.values() if said]
     by_order = [s for s in last if s.outcome is Outcome.ABORTED and s.left is None]
@@ -216,7 +217,7 @@ def _causes(seen: Seen) -> Iterator[str]:
         or bool(seen.of("part", "clock", "stop", "says", "restart")),
         Cause.PROCESS: bool(seen.of("kill", "station", "restart")),
         Cause.MACHINE: False,
-        Cause.FINDING: bool(seen.flown.summary.findings),
+        Cause.FINDING: bool(seen.flown.summary.findings or seen.flown.summary.refused_orders),
         Cause.FALL: bool(named),
     }
     if cause is not None and not can.get(cause, True):

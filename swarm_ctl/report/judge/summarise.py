@@ -28,6 +28,7 @@ from swarm_ctl.report.judge.summary import (
     LeftSummary,
     LinkSummary,
     ProtectionSummary,
+    RefusedSummary,
     SafetySummary,
     StepSummary,
     StepVerdict,
@@ -42,6 +43,7 @@ from swarm_ctl.runfolder import metrics
 from swarm_ctl.runfolder.flight import TrackSource
 from swarm_ctl.runfolder.last_statuses import read_events, read_troubles
 from swarm_ctl.runfolder.manifest import Manifest
+from swarm_ctl.runfolder.refused_orders import RefusedOrder, read_refused
 from swarm_ctl.runfolder.run_folder import FlownGroup, RunFolder, read_run
 from swarm_ctl.runfolder.truth import Truth
 from swarm_ctl.station.picture.protection import MeshKind
@@ -88,7 +90,8 @@ def _unjudged(exit_codes: Mapping[str, int] | None, why: str) -> Summary:
 def _summary(folder: Path, exit_codes: Mapping[str, int] | None, ending: Ending | None) -> Summary:
     run = read_run(folder, _killed(exit_codes or {}))
     events = list(read_events(folder, run.notes))
-    return summary_of(run, events, read_troubles(folder), exit_codes, ending)
+    refused = read_refused(folder, run.notes)
+    return summary_of(run, events, read_troubles(folder), exit_codes, ending, refused)
 
 
 def summary_of(
@@ -97,9 +100,11 @@ def summary_of(
     troubles: Sequence[str] = (),
     exit_codes: Mapping[str, int] | None = None,
     ending: Ending | None = None,
+    refused: Sequence[RefusedOrder] = (),
 ) -> Summary:
     """The summary of a run that is known: what its folder has, or what a flight on a virtual clock
-    left. `troubles` are those of what only shows."""
+    left. `troubles` are those of what only shows; `refused` the scenario's orders that had to be
+    accepted, and were not."""
     truth, statuses = run.truth, run.statuses
     last_s = [s.time_s for s in statuses] + [event.time_s for event in events]
     last_s += [truth.last_s] if truth and truth.last_s is not None else []
@@ -107,7 +112,8 @@ def summary_of(
     zones = zone_distances(run)
     findings = find(run, pairs, zones)
     headings = headlines(run, findings)
-    outcome, reason, cause = judge(run, exit_codes or {}, headings, ending)
+    orders = [each.text for each in refused]
+    outcome, reason, cause = judge(run, exit_codes or {}, headings, ending, orders)
     steps = _steps(run)
     tally = Counter[str]()
     for status in statuses:
@@ -124,6 +130,7 @@ def summary_of(
         cause=cause,
         left=_left(run),
         findings=tuple(_finding(run, finding) for finding in findings),
+        refused_orders=tuple(RefusedSummary(**asdict(each)) for each in refused),
         judged_by=dict(zip(run.agents, run.flight.sources, strict=True)) if run.flight else {},
         protection=_protection(run),
         steps=steps,

@@ -140,6 +140,17 @@ class FindingSummary(_SummaryPart):
     text: str
 
 
+class RefusedSummary(_SummaryPart):
+    """An order of the scenario that had to be accepted, and was refused."""
+
+    time_s: float
+    """Mission time at which the scenario gives it."""
+    order: str
+    """As it is typed."""
+    why: str
+    """By whom, and why."""
+
+
 class ZoneSummary(_SummaryPart):
     """How close a vehicle came to a zone at whose heights it was."""
 
@@ -193,9 +204,9 @@ class Summary(_SummaryPart):
     started_at: str | None
     """ISO 8601."""
     outcome: RunOutcome
-    """`completed`: by the final status of every agent that is not in `left`, nothing in `findings`,
-    every process ended with 0, no file is missing; `aborted`: landed on an operator's command, or
-    ended before take-off; `failed`: everything else."""
+    """`completed`: by the final status of every agent that is not in `left`, nothing in `findings`
+    and `refused_orders`, every process ended with 0, no file is missing; `aborted`: landed on an
+    operator's command, or ended before take-off; `failed`: everything else."""
     reason: str
     """Why it was not completed, the cause first, then the step; empty otherwise."""
     cause: Cause | None = None
@@ -204,6 +215,8 @@ class Summary(_SummaryPart):
     """The agents that left by an order to some agents, the first one first."""
     findings: tuple[FindingSummary, ...] = ()
     """The earliest first."""
+    refused_orders: tuple[RefusedSummary, ...] = ()
+    """Of a scenario, the earliest first; each makes the run failed."""
     judged_by: dict[int, TrackSource] = {}
     """Who says where the vehicle of each agent (by id) was."""
     protection: ProtectionSummary | None = None

@@ -64,6 +64,7 @@ def judge(
     exit_codes: Mapping[str, int],
     found: Sequence[str] = (),
     ending: Ending | None = None,
+    refused: Sequence[str] = (),
 ) -> Verdict:
     """The run's verdict. Its notes say what is missing or torn; `found` is what makes it failed
     whatever the agents say, and comes first, but for what may have brought that about.
@@ -73,7 +74,7 @@ def judge(
     failed by itself before the order. The exit code of a
     process does not count where another took its vehicle over and completed. An agent that left by
     an operator's order does not count where others flew on. `ending` is the cause of all that
-    followed from it.
+    followed from it. `refused` fails the run, too, and comes behind what agents failed by.
     """
     if ending is not None and not found and (ended := _ended(run, ending)):
         return ended
@@ -86,6 +87,7 @@ def judge(
     # An agent that sees its peers land before it hears the command reports a failure.
     if (
         not found
+        and not refused
         and aborted
         and not _failed_before(stayed, aborted)
         and len(final) == len(agents)
@@ -97,8 +99,12 @@ def judge(
             others = {i: (s, s.reason) for i, s in aborted.items() if s.cause not in _OF_ENDING}
             reasons = [f"{ending.words}: all landed", *_grouped(run.plan, others)]
         return Verdict(Outcome.ABORTED, first_few(reasons), cause)
-    causes = [(Cause.FINDING, text) for text in found]
-    causes += [*_broken(run, final, exit_codes), *_complaints(run.plan, stayed)]
+    causes = [*_broken(run, final, exit_codes)]
+    fell = bool(causes) or any(s.outcome is Outcome.FAILED for s in stayed.values())
+    causes += _complaints(run.plan, stayed)
+    orders = [(Cause.FINDING, text) for text in refused]
+    causes = causes + orders if fell else orders + causes
+    causes[:0] = [(Cause.FINDING, text) for text in found]
     causes += [
         (Cause.PROCESS, f"{name} exited with {code}")
         for name, code in exit_codes.items()

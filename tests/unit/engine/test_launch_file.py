@@ -7,7 +7,15 @@ from pathlib import Path
 from swarm_ctl.engine.gcs.config import GcsAddress, RelayConfig, RelayVehicle
 from swarm_ctl.engine.launch_file import LAUNCH, Launch, read_launch, write_launch
 from swarm_ctl.engine.lockstep.keeper import Rules
-from swarm_ctl.engine.script import AgentScript, Deed, Due, RunScript, StationScript, Untruth
+from swarm_ctl.engine.script import (
+    AgentScript,
+    Deed,
+    Due,
+    RunScript,
+    ScriptedOrder,
+    StationScript,
+    Untruth,
+)
 from swarm_ctl.mesh.impaired import Impairment
 
 WORD = "0badc0de"
@@ -38,7 +46,7 @@ FULL = Launch(
                 clock=(0.5, 1e-4),
             )
         },
-        StationScript(((2.0, "hold"),), 90.0, 12.0),
+        StationScript((ScriptedOrder(2.0, "hold"),), 90.0, 12.0),
         "happens: []\n",
     ),
 )

@@ -57,6 +57,7 @@ class Row:
     cause: Cause | None = None
     ending: Ending | None = None
     found: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     heard: frozenset[int] = frozenset()
     """Their own account is missing: what the station heard last stands in."""
@@ -99,6 +100,27 @@ ROWS: Final = [
         found=("two collided",),
         reason="two collided; agents 1-6: aborted, in step 2 (form hexagon)",
         cause=Cause.FINDING,
+    ),
+    Row(
+        "all completed, and an order of the scenario was refused",
+        refused=("order at 5 s",),
+        reason="order at 5 s",
+        cause=Cause.FINDING,
+    ),
+    Row(
+        "landed, and an order was refused",
+        each(landed()),
+        refused=("order at 5 s",),
+        reason="order at 5 s; agents 1-6: aborted: landed by the operator, in step 2 (form"
+        " hexagon)",
+        cause=Cause.FINDING,
+    ),
+    Row(
+        "one failed, and an order was refused",
+        {2: low(28.9)},
+        refused=("order at 5 s",),
+        reason="agent 2: why, in step 2 (form hexagon); order at 5 s",
+        cause=Cause.BATTERY,
     ),
     Row(
         "one had failed before",
@@ -274,7 +296,7 @@ def test_the_verdict(row: Row) -> None:
     run = RunFolder(
         manifest(), None, {}, None, agents=tuple(last), last=last, notes=list(row.notes)
     )
-    verdict = judge(run, row.codes, row.found, row.ending)
+    verdict = judge(run, row.codes, row.found, row.ending, row.refused)
     assert verdict.outcome is row.outcome
     if row.outcome is not LANDED or row.reason:
         assert (verdict.reason, verdict.cause) == (row.reason, row.cause)
