@@ -41,7 +41,12 @@ def named(mission: Path) -> Path:
     """A mission as a user names it: a file, or a ready mission's name (`hexagon`).
 
     Raises:
-        InputError: a name without a suffix or a folder is neither.
+        InputError: a name without a suffix or a folder is neither, or a file that has a ready
+            mission's name is not there.
     """
+    if mission.suffix == ".yaml" and not mission.exists() and mission.stem in ready_missions():
+        name = mission.stem
+        copy = f"a copy of it (swarm-ctl missions copy {name})"
+        raise InputError(f"{mission}: no such file; allowed: {name}, the ready mission, or {copy}")
     is_name = mission.suffix == "" and len(mission.parts) == 1
     return ready_mission(mission.name) if is_name and not mission.exists() else mission

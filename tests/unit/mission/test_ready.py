@@ -20,7 +20,7 @@ def test_a_name_is_a_ready_mission_and_a_path_is_a_file(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert ready.named(Path("hexagon")) == ROOT / "missions" / "hexagon.yaml"
-    for file in ("hexagon.yaml", "mine/hexagon"):
+    for file in ("mine.yaml", "mine/hexagon"):
         assert ready.named(Path(file)) == Path(file)
     Path("hexagon").touch()
     assert ready.named(Path("hexagon")) == Path("hexagon")
@@ -33,6 +33,7 @@ def test_a_name_is_a_ready_mission_and_a_path_is_a_file(
     [
         ("sim --mission hexagon --fleet mine.yaml", "mine.yaml: fleet: can't be read"),
         ("station --mission hexa", "hexa: no such file or ready mission"),
+        ("validate mine/square.yaml", "mine/square.yaml: no such file; allowed: square, the ready"),
     ],
 )
 def test_where_a_mission_is_but_read_a_name_will_do(
