@@ -35,9 +35,9 @@ pytestmark = pytest.mark.timeout(120)
 def test_an_agent_is_killed_and_started_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """SIGKILL while they form, started again by hand: it takes its vehicle over, both complete,
-    apart; no station. All have the plan that was fetched before. Its link is signed: it signs on
-    above its last stamp."""
+    """SIGKILL while they form, started again by hand, with a clock of its own: it takes its vehicle
+    over, both complete, apart; no station. All have the plan that was fetched before. Its link is
+    signed: it signs on above its last stamp."""
     speedup, epoch_s = SPEEDUP, time.monotonic()
     mission = pair_mission(tmp_path, settle_s=5)  # it is killed before the step is done
     key = tmp_path / "mavlink.key"
@@ -51,7 +51,7 @@ def test_an_agent_is_killed_and_started_again(
     (kept / f"{plan}.json").write_text(plan_to_json(mission.plan, mission.fleet))
     flown = simulator(mission, epoch_s, speedup, key, truth_path=str(truth))
     agents = {i: agent(plan, i, epoch_s, speedup, *(signed if i == 1 else ())) for i in (1, 2)}
-    again = agent_in_waiting(plan, 1, epoch_s, speedup, *signed)
+    again = agent_in_waiting(plan, 1, time.monotonic(), speedup, *signed)
     processes = [flown, again, *agents.values()]
     with closing(listener_of(mission, keys.STATUS, keys.EVENT)) as listener, ended(processes):
         forming: set[int] = set()
