@@ -115,12 +115,14 @@ class Measured:
 
 def test_an_arducopter_is_measured_and_a_slower_one_found_slower() -> None:
     """Near to what is typical; half the acceleration and a fifth of a second on the way show as
-    just that. All of it within the box, and the vehicle stands where it stood.
+    just that. All of it within the box, and the vehicle stands where it stood. The agent itself,
+    whose setpoints are not flown in a leg, finds nothing wrong with its vehicle.
     """
     usual = Measured()
     typical, found = AUTOPILOT_KINDS["ardupilot"].response, usual.found()
     assert found.usable
     assert found.warnings == ()
+    assert not [text for text in usual.texts if "measure it" in text]
     assert found.response.dead_time_s == pytest.approx(typical.dead_time_s, abs=0.1)
     assert found.response.lag_s == pytest.approx(typical.lag_s, abs=0.15)
     assert found.response.acceleration_mps2 == pytest.approx(typical.acceleration_mps2, rel=0.2)

@@ -234,6 +234,11 @@ class Agent:
         self._go_on(tick)
         return self._say(tick, inbox, goal, acks)
 
+    def flown_otherwise(self) -> None:
+        """Another velocity is sent than that of this tick's goal: from how the vehicle flies now
+        nothing is learnt."""
+        self._controller.estimate.restart()
+
     # --- hear: what came in becomes one tick's facts ---
 
     def likely(self, word: Glimpse, received_s: float) -> bool:

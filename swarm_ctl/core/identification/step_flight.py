@@ -170,7 +170,10 @@ class StepFlight:
             or not isinstance(goal, FlyGoal)
         ):
             return goal
-        return self._hold(now, state.position_ned_m[:2], state.velocity_ned_mps[:2], goal)
+        flown = self._hold(now, state.position_ned_m[:2], state.velocity_ned_mps[:2], goal)
+        if flown is not goal:
+            self._agent.flown_otherwise()
+        return flown
 
     def _look(self, now: float, view: VehicleView) -> StandbyGoal:
         """Plan nothing before the vehicle is heard, ready, on the ground and disarmed."""
