@@ -34,6 +34,13 @@ class InputError(SwarmError):
     exit_code = 2
 
 
+class UnknownAgentError(InputError, KeyError):
+    """No agent has this id; a `KeyError`, too, as of a mapping of agents by id."""
+
+    def __str__(self) -> str:  # a KeyError's has quotes
+        return str(self.args[0]) if self.args else ""
+
+
 class MissionError(InputError):
     """A mission or fleet file that was refused, with every mistake that was found."""
 

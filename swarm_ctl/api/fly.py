@@ -13,7 +13,7 @@ from swarm_ctl.api.process_flight import ProcessFlight
 from swarm_ctl.api.swarm import AsyncSwarm, OrderError, Swarm
 from swarm_ctl.api.virtual_flight import VirtualFlight
 from swarm_ctl.errors import InputError
-from swarm_ctl.mission.compile.loader import LoadedMission
+from swarm_ctl.mission.compile.loader import ALLOWED, LoadedMission, with_vehicles
 from swarm_ctl.mission.ready import named
 from swarm_ctl.virtual.scenario import MOST_SEED, Scenario
 
@@ -137,7 +137,19 @@ def fly(
             f"speedup={speedup}: a scenario flies in lockstep; allowed: speedup='max', or"
             " vehicles='virtual'"
         )
+    if vehicles not in (None, VIRTUAL):
+        _check_vehicles(vehicles, checked)
     return Flying(checked, scenario, factor, vehicles, 1 if seed is None else seed, Path(runs))
+
+
+def _check_vehicles(vehicles: object, mission: LoadedMission) -> None:
+    if not isinstance(vehicles, str):
+        raise InputError(f"vehicles={vehicles!r}; allowed: {VIRTUAL}, {ALLOWED}")
+    try:
+        with_vehicles(mission.file, vehicles)
+    except InputError as error:
+        why = str(error).removeprefix(f"--vehicles {vehicles}: ")
+        raise InputError(f"vehicles={vehicles!r}: {why}; or {VIRTUAL}") from None
 
 
 def _factor(speedup: object) -> float:

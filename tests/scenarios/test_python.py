@@ -153,12 +153,13 @@ def test_one_lands_and_the_others_return() -> None:
 
 
 @pytest.mark.parametrize(
-    "given", [{"speedup": 0}, {"speedup": "fast"}, {"seed": -1}, {"seed": 0.5}]
+    "given",
+    [{"speedup": 0}, {"speedup": "fast"}, {"seed": -1}, {"seed": 0.5}, {"vehicles": "boat"}],
 )
 def test_what_is_out_of_bounds_is_refused_before_anything_starts(given: dict[str, Any]) -> None:
     """By its name, with what is allowed."""
     ((name, value),) = given.items()
-    with pytest.raises(InputError, match=re.escape(f"{name}={value!r}; allowed: ")):
+    with pytest.raises(InputError, match=rf"{name}={re.escape(repr(value))}.*; allowed: "):
         swarm_ctl.fly(BARE, **given)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from typing import Annotated
 
@@ -23,6 +24,7 @@ from swarm_ctl.errors import InputError, SwarmError
 
 
 def send(
+    context: typer.Context,
     command: Annotated[
         str,
         typer.Argument(
@@ -109,6 +111,7 @@ def send(
     from swarm_ctl.runfolder.manifest import read_manifest
     from swarm_ctl.station.picture.summaries import command_words
 
+    _refuse_options(context, (command, *(arguments or ())))
     for name, given, kinds in (
         ("--by", by, ("move",)),
         ("--speed", speed is not None, ("move", "goto")),
@@ -147,6 +150,19 @@ def send(
     if answers.failed:
         console.say(f"nothing changes: {answers.failed}", style="bold red")
     raise typer.Exit(0 if answers.accepted else 1)
+
+
+def _refuse_options(context: typer.Context, words: Sequence[str]) -> None:
+    """InputError for what is meant as an option and is none: numbers alone begin with `-`."""
+    unknown = [word for word in words if re.match(r"-+[A-Za-z]", word)]
+    if unknown:
+        from swarm_ctl.mission.input.near_matches import did_you_mean
+
+        given = unknown[0].partition("=")[0]
+        names = [name for each in context.command.params for name in each.opts]
+        known = [name for name in names if name.startswith("--")]
+        hint = did_you_mean(given, known)
+        raise InputError(f"{given}: no such option{hint}; allowed: {', '.join(known)}")
 
 
 def _list_zones(zones: tuple[Zone, ...], console: PlainConsole) -> None:

@@ -4,6 +4,7 @@ one as data for the drones' computers; `schema`: for editors and other tools."""
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -110,7 +111,8 @@ def plan(
     write_whole(out, plan_to_json(loaded.plan, loaded.fleet))
     plan, name = loaded.plan, named_by_hash(loaded.plan, loaded.fleet)
     which = f"plan {plan.fingerprint()}, with its fleet {name}"
-    console.say(f"plan: {out}, {len(plan.agents)} agents, {which}; swarm-ctl agent {out} --id ID")
+    start = f"swarm-ctl agent {shlex.quote(str(out))} --id ID"
+    console.say(f"plan: {out}, {len(plan.agents)} agents, {which}; {start}")
 
 
 def schema() -> None:

@@ -27,6 +27,7 @@ from swarm_ctl.core.model.messages import (
 from swarm_ctl.core.model.plan import GroupPlan, Plan, Point
 from swarm_ctl.core.model.text import agents_named
 from swarm_ctl.core.model.zones import Zone
+from swarm_ctl.errors import UnknownAgentError
 from swarm_ctl.station.picture.history import Histories
 from swarm_ctl.station.picture.protection import LOCAL, Protection, protection_words
 
@@ -362,8 +363,9 @@ class SwarmView:
         return ", ".join([*names, *([agents_named(left)] if left or not names else [])])
 
     def agent(self, agent_id: int) -> AgentView:
-        """The agent with that id; KeyError where there is none."""
+        """The agent with that id; UnknownAgentError, a KeyError, where there is none."""
         for agent in self.agents:
             if agent.id == agent_id:
                 return agent
-        raise KeyError(agent_id)
+        known = agents_named(agent.id for agent in self.agents)
+        raise UnknownAgentError(f"agent {agent_id}: there is none; allowed: {known}")

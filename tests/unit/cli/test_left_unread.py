@@ -21,6 +21,8 @@ TRACK, NMEA = "target boat --from a.csv", "target boat --from nmea:tcp:127.0.0.1
         (f"{NMEA} --icao abcdef", "--icao with --from nmea:tcp:127.0.0.1:9; allowed: with mavlink"),
         (f"{NMEA} --faster 2", "9; allowed: with a .csv or .gpx track"),
         (f"{TRACK} --run a --mission b.yaml", "both --run a and --mission b.yaml; allowed: one of"),
+        ("send hold --foo", "--foo: no such option; allowed: --run, --agents, --by, --speed"),
+        ("send move -20 3 --sped=2", "--sped: no such option; did you mean --speed?; allowed: "),
         ("fuzz MISSION --replay a.yaml", "--replay a.yaml: a scenario has its own mission"),
         ("evidence --list --row mix", "--list flies none; allowed: that alone"),
         ("compare a b --out a/run.json", "--out a/run.json: is no page; allowed: a .html file"),

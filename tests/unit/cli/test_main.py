@@ -177,6 +177,14 @@ def test_a_place_that_can_not_be_written_is_one_line_before_the_work(
     assert said.count("\n") == 1
 
 
+def test_the_command_that_plan_names_can_be_typed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert called(monkeypatch, "plan", MISSION, "--out", "x y.json") == 0
+    assert "swarm-ctl agent 'x y.json' --id ID" in " ".join(capsys.readouterr().out.split())
+
+
 def test_a_fleet_file_that_can_not_be_written_is_said_before_the_vehicle_takes_off(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

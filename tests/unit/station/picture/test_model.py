@@ -29,6 +29,7 @@ from swarm_ctl.core.model.plan import Plan, Policies
 from swarm_ctl.core.model.steps.follow import FollowStep
 from swarm_ctl.core.model.steps.form import FormStep
 from swarm_ctl.core.model.targets import TargetPlan
+from swarm_ctl.errors import InputError
 from swarm_ctl.station.picture.model import Model
 from tests.unit.plans import REST, SCOUTS, SWEEPERS, groups_mission
 from tests.unit.station.swarm import (
@@ -145,6 +146,10 @@ def test_a_stranger_is_shown() -> None:
     view = model.view(1.0)
     assert [agent.id for agent in view.agents if not agent.in_plan] == [42]
     assert view.agent(42).error_m is None
+    with pytest.raises(KeyError) as unknown:
+        view.agent(9)
+    assert isinstance(unknown.value, InputError)
+    assert str(unknown.value) == "agent 9: there is none; allowed: agents 1-6, 42"
 
 
 def test_strangers_fill_no_memory() -> None:
