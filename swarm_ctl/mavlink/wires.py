@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, Final, Protocol
 
 from swarm_ctl.core.model.fleet import plain_endpoint
-from swarm_ctl.errors import LinkError
+from swarm_ctl.errors import InputError, LinkError
 from swarm_ctl.mavlink.wire import SILENT_S, MemoryWire, Partners, Wire, memory_wires
 
 __all__ = ["ALLOWED", "MemoryWire", "NameUnknownYetError", "Wire", "memory_wires", "open_wire"]
@@ -37,13 +37,18 @@ _FIRST_PORT, _PORTS = 10000, 3000
 """Local ports of `udpout`: away from those of autopilots and ground stations (14000 and up)."""
 
 
+class SpellingError(InputError, LinkError):
+    """An endpoint that is none, whatever the machine has: bad input."""
+
+
 class NameUnknownYetError(LinkError):
     """The resolver can't tell the host's address for now: a container engine's while containers
     start."""
 
 
 def open_wire(endpoint: str) -> Wire:
-    """Open `endpoint`; LinkError for a wrong spelling, or when the machine refuses it.
+    """Open `endpoint`; SpellingError where it is none, another LinkError when the machine refuses
+    it.
 
     Blocks while a name is looked up; NameUnknownYetError where that may work later.
     """
@@ -52,7 +57,7 @@ def open_wire(endpoint: str) -> Wire:
         if scheme == "serial" and rest:
             return SerialWire(*_device_and_baud(rest))
         if scheme not in _SCHEMES:
-            raise LinkError(f"endpoint {endpoint!r} has no known scheme; allowed: {ALLOWED}")
+            raise SpellingError(f"endpoint {endpoint!r} has no known scheme; allowed: {ALLOWED}")
         return _SCHEMES[scheme](_address(endpoint, rest))
     except OSError as error:
         later = isinstance(error, socket.gaierror) and error.errno == socket.EAI_AGAIN
@@ -63,7 +68,7 @@ def open_wire(endpoint: str) -> Wire:
 def _address(endpoint: str, rest: str) -> tuple[str, int]:
     host, _, port = rest.rpartition(":")
     if not host or not port.isdecimal() or not 1 <= int(port) <= 65535:
-        raise LinkError(
+        raise SpellingError(
             f"endpoint {endpoint!r} has no HOST:PORT; allowed: {ALLOWED}, PORT 1..65535"
         )
     return socket.gethostbyname(host), int(port)

@@ -28,7 +28,7 @@ from swarm_ctl.errors import InputError
 from swarm_ctl.files import read_bytes
 from swarm_ctl.mavlink.target_ear import TargetEar
 from swarm_ctl.mavlink.wire import Wire
-from swarm_ctl.mavlink.wires import open_wire
+from swarm_ctl.mavlink.wires import SpellingError, open_wire
 from swarm_ctl.mesh import keys
 from swarm_ctl.mesh.node import Node
 
@@ -162,6 +162,20 @@ def open_source(
         InputError: there is no such source; with what there is.
         LinkError: it can't be opened.
     """
+    try:
+        source = _receiver(name, spelled, late_s, system, icao)
+    except SpellingError:
+        raise InputError(f"{spelled!r} is no source; allowed: {SOURCES}") from None
+    if source is not None:
+        return source
+    path = Path(spelled)
+    if path.suffix.lower() in (".csv", ".gpx"):
+        return Played(name, RecordedTrack(path), faster)
+    raise InputError(f"{spelled!r} is no source; allowed: {SOURCES}")
+
+
+def _receiver(name: str, spelled: str, late_s: float, system: int, icao: int) -> Source | None:
+    """None where none is spelled."""
     scheme, _, rest = spelled.partition(":")
     if scheme == "nmea" and rest:
         bare = rest.startswith("serial:") and not rest.rpartition(":")[2].isdecimal()
@@ -172,10 +186,7 @@ def open_source(
     if scheme == "mavlink" and rest:
         ear = TargetEar(name, late_s, system, icao)
         return Received(rest, open_wire(rest), ear)
-    path = Path(spelled)
-    if path.suffix.lower() in (".csv", ".gpx"):
-        return Played(name, RecordedTrack(path), faster)
-    raise InputError(f"{spelled!r} is no source; allowed: {SOURCES}")
+    return None
 
 
 def tell(

@@ -76,8 +76,9 @@ def frame_from(sysid: int = 7) -> bytes:
     ],
 )
 def test_what_is_no_endpoint_is_refused_with_what_is_allowed(endpoint: str) -> None:
-    with pytest.raises(LinkError, match="allowed: udpin:HOST:PORT, udpout:HOST:PORT, tcp:"):
+    with pytest.raises(LinkError, match="allowed: udpin:HOST:PORT, udpout:HOST:PORT, tcp:") as none:
         open_wire(endpoint)
+    assert none.value.exit_code == 2  # bad input: the machine was not asked
 
 
 def test_a_busy_port_is_refused_by_name(udp: socket.socket) -> None:
