@@ -53,3 +53,8 @@ class HostReport(BaseModel):
     def running(self) -> tuple[str, ...]:
         """The processes that run, landing ones among them."""
         return tuple(each.name for each in self.services if each.state is ReportedState.RUNNING)
+
+    @property
+    def failed(self) -> tuple[ServiceReport, ...]:
+        """The processes that did not start, or broke off."""
+        return tuple(each for each in self.services if each.state is ReportedState.FAILED)

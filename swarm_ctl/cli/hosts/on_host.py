@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from swarm_ctl.cli.shared.options import option, switch
+from swarm_ctl.errors import StartError
 
 if TYPE_CHECKING:
     from swarm_ctl.deploy.host import Host
@@ -45,7 +46,8 @@ def start(
 ) -> None:
     """Start what the newest bundle says and does not run yet.
 
-    The vehicles fly when all agents of the swarm are there.
+    The vehicles fly when all agents of the swarm are there. The exit code is 3 where a process
+    does not start; with --bundle, as deploy gives it, the answer alone says so.
 
     Example:
 
@@ -55,6 +57,9 @@ def start(
     host = _host()
     host.start(bundle)
     _answer(host)
+    failed = [] if bundle else [f"{s.name}: {s.said}" for s in host.report().failed]
+    if failed:
+        raise StartError("; ".join(failed))
 
 
 def stop(within: Annotated[float, option("SECONDS", "At most so long.", min=1.0)] = WITHIN) -> None:

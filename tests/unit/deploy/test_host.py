@@ -10,7 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from swarm_ctl.cli.app import app
 from swarm_ctl.core.model.fleet import Fleet
 from swarm_ctl.deploy import host as host_module
 from swarm_ctl.deploy.bundle import Bundle, Service, bundles_of
@@ -98,6 +100,23 @@ def test_units_are_made_here_of_the_manifest(host: Host) -> None:
     program = "%h/.local/share/swarm-ctl/host"
     command = f"{program}/bin/swarm-ctl agent {program}/current/plan.json --id %i"
     assert started == [f"ExecStart={command} --record {program}/flight"]
+
+
+def test_a_start_by_hand_that_fails_ends_so(host: Host, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the agents' own words. `deploy`, which names the bundle, reads them in the answer."""
+
+    def fails(service: Service) -> None:
+        (host.root / "flight" / f"{service.name}.log").write_text("error: no such port\n")
+
+    host.install(bundle())
+    monkeypatch.setattr(host.services, "start", fails)
+    monkeypatch.setattr("swarm_ctl.cli.hosts.on_host._host", lambda: host)
+    deployed = CliRunner().invoke(app, ["on-host", "start", "--bundle", bundle().digest])
+    assert (deployed.exit_code, deployed.output.count('"failed"')) == (0, 2)
+    typed = CliRunner().invoke(app, ["on-host", "start"])
+    assert isinstance(typed.exception, StartError)
+    words = "error: no such port"
+    assert str(typed.exception) == f"agent-1: {words}; agent-2: {words}"
 
 
 def test_no_bundle_takes_the_place_of_one_that_flies(host: Host) -> None:
