@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from swarm_ctl.commands.parse import Order
+from swarm_ctl.core.model.targets import TargetPlan
 from swarm_ctl.station.dashboard.app import Dashboard
 from swarm_ctl.station.dashboard.driver import TtyDriver
 from tests.unit.station.pictures import PICTURES
@@ -15,7 +16,9 @@ from tests.unit.station.pictures import PICTURES
 
 def main() -> None:
     """Until it is left with `q` and Enter."""
-    orders, view = Path(sys.argv[1]), replace(PICTURES["well"](), step=int(sys.argv[2]))
+    orders, well = Path(sys.argv[1]), PICTURES["well"]()
+    plan = replace(well.plan, targets=(TargetPlan("boat"),))
+    view = replace(well, plan=plan, step=int(sys.argv[2]))
 
     def give(order: Order) -> None:
         with orders.open("a") as file:
