@@ -218,10 +218,16 @@ class Accounts(RunRecorder):
         self._last: dict[int, AgentStatus] = {}
         self._behind_s: dict[int, float] = {}
         """The station's clock less the agent's, by its fastest message."""
+        self._seq: dict[int, int] = {}
 
     def take(self, payload: Payload, received_s: float) -> None:
         """Record a message, and note whose clock it tells."""
         super().take(payload, received_s)
+        if isinstance(payload, AgentState):
+            if payload.seq < self._seq.get(payload.agent, 0) // 2:
+                # a new process, by a clock of its own
+                self._behind_s.pop(payload.agent, None)
+            self._seq[payload.agent] = payload.seq
         if isinstance(payload, AgentState | AgentStatus):
             behind_s = received_s - payload.time_s
             known_s = self._behind_s.get(payload.agent, math.inf)

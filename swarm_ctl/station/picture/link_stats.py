@@ -105,19 +105,19 @@ class Receiver:
             restarts=self._restarts,
             recent_loss=lost / (len(ages) + lost) if ages else 0.0,
             tick_rate_hz=self._rate(),
-            clock_ahead_s=self._ahead(now_s),
+            clock_ahead_s=self.ahead(now_s),
         )
 
     def _age(self, now_s: float) -> float | None:
         if self._last is None:
             return None
-        ahead = self._ahead(self._last.received_s)
+        ahead = self.ahead(self._last.received_s)
         transit = self._last.received_s - self._last.sent_s + (ahead or 0.0)
         if ahead is None and transit > _MAX_TRANSIT_S:
             transit = 0.0
         return max(0.0, now_s - self._last.received_s) + max(0.0, transit)
 
-    def _ahead(self, now_s: float) -> float | None:
+    def ahead(self, now_s: float) -> float | None:
         """The sender's clock less this station's; as long as they may be one clock (on one host
         they are) they are."""
         low, high = self._clock.bounds(now_s)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -181,6 +181,8 @@ class Model:
         self._planned = frozenset(agent.id for agent in plan.agents)
         self._heard = {agent.id: _Heard() for agent in plan.agents}
         self._events: deque[Event] = deque(maxlen=_EVENTS)
+        self._told: deque[Event] = deque(maxlen=_EVENTS)
+        """As they came; `_events` have times of this station's clock."""
         self._event_count = 0
         self._commands = CommandLog(speedup)
         self._stations: dict[str, float] = {}
@@ -233,9 +235,7 @@ class Model:
                     heard.sigma, heard.sigma_received_s = payload, received_s
                     self._history.sigma(payload)
             case Event():
-                if payload not in self._events:
-                    self._events.append(payload)
-                    self._event_count += 1
+                self._tell(payload, self._said_s(payload, received_s))
             case Command():
                 meant = payload.agents or tuple(self._planned)
                 states = [self._heard[i].state for i in meant if i in self._heard]
@@ -265,7 +265,27 @@ class Model:
 
     def recall(self, payload: Event | Command | Ack) -> None:
         """Take in what was said before this station listened, at the time that it tells."""
+        if isinstance(payload, Event):
+            if self._has_room(payload) and not self._in_plan.unknown(payload):
+                self._tell(payload, payload.time_s)
+            return
         self.fold(payload, payload.time_s if isinstance(payload, Command) else self._since_s)
+
+    def _tell(self, event: Event, time_s: float) -> None:
+        """Keep it with the time at which it was said, once."""
+        if event not in self._told:
+            self._told.append(event)
+            self._events.append(replace(event, time_s=time_s))
+            self._event_count += 1
+
+    def _said_s(self, event: Event, received_s: float) -> float:
+        """When it was said, by this station's clock: while the agent's is not known, and can't be
+        this one, it was when it came."""
+        heard = self._heard.get(event.agent)
+        ahead_s = heard.receiver.ahead(received_s) if heard is not None else None
+        if ahead_s is not None:
+            return event.time_s - ahead_s
+        return event.time_s if abs(received_s - event.time_s) <= NEIGHBOUR_S else received_s
 
     def _time_echo(self, status: AgentStatus, received_s: float) -> None:
         """A beacon of ours that came back tells the round trip, both loops' waiting included."""

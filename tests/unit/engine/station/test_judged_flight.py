@@ -39,7 +39,8 @@ def test_the_truth_stands_on_the_clock_of_the_end(monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.parametrize("ahead_s", [21.0, 3600.0, -3600.0])
 def test_all_accounts_and_tracks_stand_on_one_clock(tmp_path: Path, ahead_s: float) -> None:
-    """That of the agent that was heard first, wherever the clock of one that is heard later is."""
+    """That of the agent that was heard first, wherever the clock of one that is heard later is, or
+    of one that was started again."""
     time = SimpleNamespace(s=0.0)
     clock = MeshClock()
     clock._own = SimpleNamespace(now=lambda: time.s)  # type: ignore[assignment]
@@ -47,14 +48,18 @@ def test_all_accounts_and_tracks_stand_on_one_clock(tmp_path: Path, ahead_s: flo
         for k in range(40):
             time.s = 0.1 * k
             told = {1: time.s + 5.0} | ({2: time.s + 5.0 + ahead_s} if k > 20 else {})
+            told[3] = time.s + 55.0 if k < 30 else time.s - 3.0
             for agent, told_s in told.items():
                 outcome = Outcome.COMPLETED if k == 39 else Outcome.RUNNING
                 clock.hear(agent, told_s)
                 accounts.take(status_of(PLAN, agent, told_s, outcome=outcome), clock.now())
-                accounts.take(state_of(PLAN, agent, told_s, seq=k), clock.now())
+                seq = k - 30 if agent == 3 and k >= 30 else k
+                accounts.take(state_of(PLAN, agent, told_s, seq=seq), clock.now())
         accounts.write_accounts()
-        ends = [json.loads((tmp_path / FINAL / f"{i}.json").read_text())["time_s"] for i in (1, 2)]
-    assert ends == pytest.approx([8.9, 8.9], abs=0.1)
+        ends = [
+            json.loads((tmp_path / FINAL / f"{i}.json").read_text())["time_s"] for i in (1, 2, 3)
+        ]
+    assert ends == pytest.approx([8.9, 8.9, 8.9], abs=0.1)
     tracks = read_tracks(tmp_path, [1, 2], elsewhere=True)
     assert [track.time_s[-1] for track in tracks.values()] == pytest.approx([8.9, 8.9], abs=0.1)
     assert [len(track.time_s) for track in tracks.values()] == [40, 19]

@@ -101,12 +101,29 @@ def test_an_agent_that_was_started_again_is_seen_at_once_whatever_its_clock_show
     agent = model.view(32.2).agent(1)
     assert (agent.phase, agent.link.restarts, agent.status) == (Phase.LAND, 1, None)
     assert agent.link.age_s == pytest.approx(0.1)
-    model.fold(status_of(PLAN, 1, 0.3, phase=Phase.LAND), 32.2)
+    answer = Echo("", 32.1, 0.05)
+    model.fold(status_of(PLAN, 1, 0.3, phase=Phase.LAND, echo=answer), 32.2)
+    model.fold(Event(1, 0.3, "info", "took over"), 32.2)
     view = model.view(32.2)
     assert view.agent(1).status is not None
+    assert view.events[-1].time_s == pytest.approx(32.2, abs=0.06)
     assert len(view.histories.trails[1]) == 1 + len(
         flying_model(PLAN, 30.0).view(30.0).histories.trails[1]
     )
+
+
+def test_what_an_agent_says_stands_where_it_was_said_by_the_stations_clock() -> None:
+    """The log of a swarm on several hosts was in the order of their clocks. What comes twice is
+    told once, and what comes late stands where it was said."""
+    model = Model(PLAN)
+    model.fold(Event(1, 5000.0, "info", "ready"), 10.0)
+    model.fold(status_of(PLAN, 1, 5000.5, echo=Echo("", 10.4, 0.05)), 10.5)
+    model.fold(state_of(PLAN, 1, 5000.5, seq=1), 10.5)
+    for _ in range(2):
+        model.fold(Event(1, 5001.0, "info", "step 1: takeoff"), 18.0)
+    model.fold(Event(2, 11.0, "info", "step 1: takeoff"), 11.1)
+    told = [event.time_s for event in model.view(18.0).events]
+    assert told == pytest.approx([10.0, 11.0, 11.0], abs=0.06)
 
 
 def test_a_view_never_changes_again() -> None:
