@@ -45,7 +45,7 @@ def assert_flown(swarm: VirtualSwarm) -> None:
     assert swarm.all_down
 
 
-@pytest.mark.timeout(900)  # a hundred agents take about 500 s
+@pytest.mark.timeout(1800)  # a hundred agents take about 450 s of CPU time
 @pytest.mark.parametrize("name", [name if name == DAILY else on_demand(name) for name in MISSIONS])
 def test_ready_mission(name: str) -> None:
     """Each step takes what was forecast, within a factor of 1.5; a station that watches raises no
