@@ -320,7 +320,8 @@ def mistakes(happening: Happening, plan: Plan) -> list[tuple[str, str]]:
         try:
             parse(happening.order, plan)
         except InputError as error:
-            found.append((str(error), "what `swarm-ctl send` takes"))
+            what, _, allowed = str(error).partition("; allowed: ")
+            found.append((what, allowed or "what `swarm-ctl send` takes"))
     return found
 
 

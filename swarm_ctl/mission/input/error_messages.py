@@ -68,6 +68,10 @@ def problem_of(error: Mapping[str, Any], document: Document, schema: _Schema) ->
         return document.problem(place, f"can't be a name{_slug(error['input'])}", _NAME)
     if _is_step(place) and isinstance(error["input"], str):
         return _unknown((*place, error["input"]), document, schema, _find(schema, loc))
+    if error["type"] == "value_error":
+        what, _, allowed = str(error["ctx"]["error"]).partition("; allowed: ")
+        if allowed:  # the section's own words
+            return document.problem(place, escaped(what), allowed)
     node = _find(schema, loc)
     what = f"{_what(error, node)}{_of_origin(place, document, error['input'])}"
     if error["type"] == "string_pattern_mismatch" and re.search(
