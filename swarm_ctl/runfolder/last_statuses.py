@@ -29,6 +29,8 @@ EVENTS: Final = "events.jsonl"
 COMMANDS: Final = "commands.jsonl"
 """Every Command the station heard or sent and every Ack, one JSON object a line."""
 
+_TOO_MUCH: Final = (OverflowError, RecursionError)
+"""Numbers and nesting beyond what Python reads."""
 _TROUBLES: Final = 20
 """That are told at most."""
 _STATUS_BYTES: Final = 1 << 20
@@ -181,7 +183,7 @@ def read_troubles(folder: Path) -> list[str]:
     found = list[str]()
     with contextlib.suppress(OSError):
         for line in read_lines(folder / TROUBLES, Damage()):
-            with contextlib.suppress(ValueError, TypeError, KeyError):
+            with contextlib.suppress(ValueError, TypeError, KeyError, *_TOO_MUCH):
                 said = json.loads(line)
                 how = "stopped" if said["off"] else "failed"
                 words = f"{said['part']} {how} at {float(said['time_s']):.1f} s: {said['why']}"

@@ -4,11 +4,12 @@ JSON object a line; no file: none was, or no scenario was flown."""
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
+
+from pydantic import Field, TypeAdapter, ValidationError
 
 from swarm_ctl.core.model.text import printable
 from swarm_ctl.files import append_line
@@ -25,7 +26,7 @@ _LONGEST: Final = 500
 class RefusedOrder:
     """One of them, which had to be accepted."""
 
-    time_s: float
+    time_s: Annotated[float, Field(allow_inf_nan=False)]
     """Mission time at which the scenario gives it."""
     order: str
     """As it is typed."""
@@ -36,6 +37,9 @@ class RefusedOrder:
     def text(self) -> str:
         """For the verdict."""
         return f"the scenario's order `{self.order}` at {self.time_s:g} s: {self.why}"
+
+
+_READ: Final = TypeAdapter(RefusedOrder)
 
 
 def write_refused(folder: Path, refused: RefusedOrder) -> None:
@@ -51,13 +55,12 @@ def read_refused(folder: Path, notes: list[str]) -> list[RefusedOrder]:
     try:
         for line in read_lines(folder / REFUSED, damage):
             try:
-                said = json.loads(line)
-                time_s, order, why = float(said["time_s"]), str(said["order"]), str(said["why"])
-            except (ValueError, TypeError, KeyError):
+                said = _READ.validate_json(line)
+            except ValidationError:
                 damage.bad_lines += 1
                 continue
-            words = (printable(text, _LONGEST) for text in (order, why))
-            found += [RefusedOrder(time_s, *words)] if math.isfinite(time_s) else []
+            words = (printable(text, _LONGEST) for text in (said.order, said.why))
+            found.append(RefusedOrder(said.time_s, *words))
     except OSError as error:
         notes.append(f"{REFUSED}: {error.strerror}")
     notes += damage.describe(REFUSED)

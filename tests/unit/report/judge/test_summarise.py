@@ -585,10 +585,25 @@ def test_a_run_that_cannot_be_judged_has_failed_with_a_reason(
     assert read_summary(run) == summary
 
 
+@pytest.mark.parametrize(
+    "time_s", ["1" + "0" * 400, "NaN", "[" * 60_000], ids=["huge", "no number", "nested"]
+)
+def test_a_refused_order_that_can_not_be_read_is_noted(run: Path, time_s: str) -> None:
+    """The run is not completed, and all else is judged; what can be read is told."""
+    line = '{"time_s": %s, "order": "next", "why": "w"}\n'
+    (run / "refused.jsonl").write_text(line % time_s)
+    summary = summarise(run, EXIT_CODES)
+    assert (summary.outcome, summary.mission) == ("failed", PLAN.name)
+    assert _named(summary.notes, "refused.jsonl: 1 line")
+    (run / "refused.jsonl").write_text(line % time_s + line % 5)
+    assert summarise(run, EXIT_CODES).reason == "the scenario's order `next` at 5 s: w"
+
+
 def test_what_failed_at_the_station_is_a_warning_and_changes_no_verdict(run: Path) -> None:
     line = '{"time_s": 12.34, "part": "recording.mcap", "why": "No space left", "off": true}\n'
     before = summarise(run, EXIT_CODES)
-    (run / "troubles.jsonl").write_text(line)
+    odd = ("[" * 60_000, '{"time_s": 1%s, "part": "", "why": "", "off": true}' % ("0" * 400))
+    (run / "troubles.jsonl").write_text("\n".join((*odd, line)))
     summary = summarise(run, EXIT_CODES)
     assert summary.outcome == before.outcome == "completed"
     assert summary.warnings == (*before.warnings, "recording.mcap stopped at 12.3 s: No space left")
