@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any, Final, NamedTuple
 
-from swarm_ctl.core.model.messages import AgentState, Phase
+from swarm_ctl.core.model.messages import AgentState, Command, CommandKind, Phase
 from swarm_ctl.core.model.plan import Point
 from swarm_ctl.mesh.impaired import ImpairedTransport, Impairment
 from swarm_ctl.mesh.transport import Transport
@@ -96,6 +96,8 @@ class ScriptedOrder(NamedTuple):
     line: str
     may_be_refused: bool = False
     """Else a refusal fails the run."""
+    expelled: frozenset[int] = frozenset()
+    """The agents that were when it was given: an order to all is not for them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,6 +198,32 @@ class Holding:
             return False
         self._since_s = now
         return True
+
+
+@dataclass(slots=True)
+class Excused:
+    """Who need not accept a scenario's order: nobody need, once all agents have ended by what was
+    last heard of each; and of an order to all, those that the scenario has expelled."""
+
+    _phases: dict[int, Phase] = field(default_factory=dict)
+    _expelled: set[int] = field(default_factory=set)
+
+    def hear(self, states: Iterable[AgentState]) -> None:
+        """Once a tick."""
+        self._phases |= {state.agent: state.phase for state in states}
+
+    def gave(self, command: Command) -> None:
+        """An order was given."""
+        if command.kind == CommandKind.EXPEL:
+            self._expelled.update(command.about)
+        elif command.kind == CommandKind.READMIT:
+            self._expelled.difference_update(command.about)
+
+    def of(self, order: ScriptedOrder) -> ScriptedOrder:
+        """The order, with who is excused now."""
+        over = set(self._phases.values()) == {Phase.ENDED}
+        may_be = order.may_be_refused or over
+        return order._replace(may_be_refused=may_be, expelled=frozenset(self._expelled))
 
 
 def holds(states: Iterable[AgentState]) -> bool:

@@ -15,7 +15,7 @@ from swarm_ctl.core.model.messages import AgentStatus, Event, Phase
 from swarm_ctl.core.model.plan import Plan
 from swarm_ctl.core.model.timeouts import LANDING_AT_MOST_S
 from swarm_ctl.engine.collector import collected_rarely
-from swarm_ctl.engine.script import HELD_S, Holding, ScriptedOrder, holds
+from swarm_ctl.engine.script import HELD_S, Excused, Holding, ScriptedOrder, holds
 from swarm_ctl.engine.station.ground_station import Station
 from swarm_ctl.engine.station.scripted_operator import give_line, refusal
 from swarm_ctl.errors import InputError
@@ -53,19 +53,24 @@ class GivenOrder:
     """An order of the scenario."""
 
     at_s: float
-    line: str
+    order: ScriptedOrder
     sent: SentCommand | None
     """None: the station refused to build it."""
     refused: str = ""
     """Why."""
-    may_be_refused: bool = False
+
+    @property
+    def line(self) -> str:
+        """As it is typed."""
+        return self.order.line
 
     @property
     def refusal(self) -> RefusedOrder | None:
         """That it was refused; None: it was not, or may be."""
         if self.sent is not None:
-            return refusal(ScriptedOrder(self.at_s, self.line, self.may_be_refused), self.sent)
-        return None if self.may_be_refused else RefusedOrder(self.at_s, self.line, self.refused)
+            return refusal(self.order, self.sent)
+        order = self.order
+        return None if order.may_be_refused else RefusedOrder(order.at_s, order.line, self.refused)
 
 
 @dataclass(slots=True)
@@ -148,7 +153,7 @@ class ScenarioFlight:
         """None: it is gone."""
         self.lands_the_held = True
         """In the end, as the scenario has it."""
-        self._holding = Holding(scenario.ends_s)
+        self._holding, self._excused = Holding(scenario.ends_s), Excused()
         self._killed: set[str] = set()
         self.orders: list[GivenOrder] = []
         self.met: list[Met] = []
@@ -170,7 +175,8 @@ class ScenarioFlight:
         at_s, for_s = happening.at_s, happening.for_s
         end_s = None if for_s is None else at_s + for_s
         if happening.order:
-            yield at_s, lambda: self._order(happening.order, may=happening.may_be_refused)
+            order = ScriptedOrder(at_s, happening.order, happening.may_be_refused)
+            yield at_s, lambda: self._order(order)
         elif happening.kill:
             yield at_s, lambda: self.kill(*happening.kill or ())
         elif happening.restart:
@@ -197,18 +203,18 @@ class ScenarioFlight:
         else:  # the simulator's own timetable has it
             yield at_s, lambda: None
 
-    def _order(self, line: str, *, may: bool) -> None:
-        """`may`: it may be refused."""
-        now = self.swarm.now
-        sent, refused = None, ""
-        if self.station is None:
-            refused, may = "there is no station", True  # the scenario has killed it
+    def _order(self, order: ScriptedOrder) -> None:
+        sent, refused, order = None, "", self._excused.of(order)
+        if self.station is None:  # the scenario has killed it
+            refused, order = "there is no station", order._replace(may_be_refused=True)
         else:
             try:
-                sent = give_line(self.station, line, len(self.orders) + 1)
+                sent = give_line(self.station, order.line, len(self.orders) + 1)
             except InputError as error:
                 refused = str(error)
-        self.orders.append(GivenOrder(now, line, sent, refused, may))
+            else:
+                self._excused.gave(sent.command)
+        self.orders.append(GivenOrder(self.swarm.now, order, sent, refused))
 
     def operated(self, number: int) -> Station:
         """The station that the operator sits at, as in a run."""
@@ -304,10 +310,11 @@ class ScenarioFlight:
         else:
             live = (m.state for m in self.swarm.members.values() if m.alive)
             states = [state for state in live if state is not None]
+        self._excused.hear(states)
         if not self.lands_the_held or not self._holding.lands(holds(states), self.swarm.now):
             return
         if self.station is not None:
-            self._order("land", may=True)
+            self._order(ScriptedOrder(self.swarm.now, "land", may_be_refused=True))
         else:
             self._station_comes()
 

@@ -105,19 +105,42 @@ def test_what_run_refuses_is_refused(swarm: Fly, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("may", "outcome"), [("", "failed"), ("may_be_refused: true", "completed")]
+    ("happens", "refused"),
+    [
+        ("{at_s: 5.01, order: next}", [5.01]),
+        ("{at_s: 5.01, order: next, may_be_refused: true}", []),
+        ("{at_s: 39.5, order: next}", []),
+        ("{at_s: 12, order: expel @3}, {at_s: 13, order: hold}, {at_s: 14, order: hold @3}", [14]),
+    ],
 )
 def test_an_order_that_the_swarm_refuses_fails_its_scenario(
-    may: str, outcome: str, swarm: Fly
+    happens: str, refused: list[float], swarm: Fly
 ) -> None:
-    """A CI that flies it has to learn of it, unless the scenario says that it may be."""
-    text = f"version: 1\nmission: {LOW}\nhappens: [{{at_s: 5, order: next, {may}}}]\n"
+    """A CI that flies it has to learn of it, unless the scenario says that it may be, or all have
+    ended, as in a run, or only those refuse an order to all that it has expelled; it is told at the
+    time that the scenario has."""
+    text = f"version: 1\nmission: {LOW}\nhappens: [{happens}]\n"
     summary = swarm(text, virtual=True).finish().summary
-    assert summary.outcome == outcome
-    assert ("`next` at 5 s: agents 1-3: refused: not flying yet" in summary.reason) == (not may)
-    assert len(summary.refused_orders) == (not may)
-    with pytest.raises(MissionError, match=r"happens#2: .*may_be_ref.* is not allowed"):
-        scenario_of(SCENARIO + "  - {at_s: 13, kill: [1], may_be_refused: true}\n")
+    assert [order.time_s for order in summary.refused_orders] == refused
+    assert (summary.outcome == "failed") == bool(refused)
+    assert all(f"` at {at_s:g} s: agent" in summary.reason for at_s in refused)
+
+
+@pytest.mark.parametrize(
+    ("happens", "told"),
+    [
+        ("kill: [1], may_be_refused: true", "kill with may_be_refused; allowed: beside an order"),
+        ("kill: [1], order: hold", "order and kill at 13 s; allowed: exactly one of order, kill, "),
+        ("stop: [1]", "a stop without for_s; allowed: for_s, the seconds until they go on"),
+        ("order: hold @9", "no agent 9 in this mission; allowed: 1, 2, 3"),
+    ],
+)
+def test_a_mistake_in_what_happens_is_told_in_its_own_words(happens: str, told: str) -> None:
+    """With its line, and once with what is allowed."""
+    with pytest.raises(MissionError) as refused:
+        scenario_of(SCENARIO + f"  - {{at_s: 13, {happens}}}\n")
+    assert f":7: happens#2: {told}" in str(refused.value)
+    assert str(refused.value).count("allowed:") == 1
 
 
 @pytest.mark.long

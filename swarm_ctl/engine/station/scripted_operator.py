@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 from swarm_ctl.commands.answers import refusals
 from swarm_ctl.commands.parse import parse
 from swarm_ctl.commands.send import SentCommand
-from swarm_ctl.core.model.messages import Phase
-from swarm_ctl.engine.script import Holding, ScriptedOrder, StationScript, holds
+from swarm_ctl.engine.script import Excused, Holding, ScriptedOrder, StationScript, holds
 from swarm_ctl.engine.station.ground_station import Station
 from swarm_ctl.errors import InputError
 from swarm_ctl.runfolder.refused_orders import RefusedOrder
@@ -33,19 +33,17 @@ class ScriptedOperator:
         self._holding = Holding(script.ends_s)
         self._given = 0
         self._open: list[tuple[ScriptedOrder, SentCommand]] = []
-        self._flew = False
+        self._excused = Excused()
 
-    def turn(self, now: float) -> bool:
-        """At the end of a tick of the station; whether the station is to be killed now."""
+    def turn(self, now: float, *, orders: bool = True) -> bool:
+        """At the end of a tick of the station; whether the station is to be killed now. Without
+        `orders`, he only lands whoever holds."""
         states = self._station.states()
-        flies = any(state.phase is not Phase.ENDED for state in states)
-        self._flew = self._flew or flies
+        self._excused.hear(states)
         if self._holding.lands(holds(states), now):
             self._give(ScriptedOrder(now, "land", may_be_refused=True))
-        while self._orders and self._orders[0].at_s <= now + _ROUNDING_S:
-            order = self._orders.pop(0)
-            over = self._flew and not flies  # nobody is left whom it is for
-            self._give(order._replace(may_be_refused=order.may_be_refused or over))
+        while orders and self._orders and self._orders[0].at_s <= now + _ROUNDING_S:
+            self._give(self._excused.of(self._orders.pop(0)))
         self._look(lambda sent: sent.over)
         killed = self._killed_s is not None and self._killed_s <= now + _ROUNDING_S
         if killed:
@@ -59,11 +57,14 @@ class ScriptedOperator:
     def _give(self, order: ScriptedOrder) -> None:
         self._given += 1
         try:
-            self._open.append((order, give_line(self._station, order.line, self._given)))
+            sent = give_line(self._station, order.line, self._given)
         except InputError as error:
             self._say(f"{order.line}: {error}")
             if not order.may_be_refused:
                 self._refused(RefusedOrder(order.at_s, order.line, str(error)))
+            return
+        self._open.append((order, sent))
+        self._excused.gave(sent.command)
 
     def _look(self, ready: Callable[[SentCommand], bool]) -> None:
         for order, sent in self._open:
@@ -81,5 +82,7 @@ def give_line(station: Station, line: str, number: int) -> SentCommand:
 
 def refusal(order: ScriptedOrder, sent: SentCommand) -> RefusedOrder | None:
     """That agents refused it; None: none did, or they may."""
-    why = "; ".join(refusals(sent))
+    spared = () if sent.command.agents else order.expelled
+    counted = {agent: ack for agent, ack in sent.acks.items() if agent not in spared}
+    why = "; ".join(refusals(replace(sent, acks=counted)))
     return RefusedOrder(order.at_s, order.line, why) if why and not order.may_be_refused else None

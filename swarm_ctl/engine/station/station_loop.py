@@ -134,6 +134,8 @@ class RunControl(Control):
         self._accounts = folder / "agents"
         self._script = script
         self._operator: ScriptedOperator | None = None
+        self._broken_off = False
+        """`run` lands the swarm: the scenario's orders are given no more."""
         self._look_wall_s = 0.0
         self._agents_ended_s: float | None = None
 
@@ -172,13 +174,13 @@ class RunControl(Control):
                     screen.note,
                     lambda refused: rim.run(write_refused, self._folder, refused),
                 )
-            if self._operator.turn(self._seat.clock.now()):
+            if self._operator.turn(self._seat.clock.now(), orders=not self._broken_off):
                 die(self._seat)
         self._seat.end()
 
-    @staticmethod
-    def _pass_on(message: dict[str, Any], station: Station, screen: Screen) -> None:
+    def _pass_on(self, message: dict[str, Any], station: Station, screen: Screen) -> None:
         if isinstance(message.get("command"), str):
+            self._broken_off = True
             give(Order(message["command"]), station, screen)
         if isinstance(message.get("note"), str):
             screen.note(message["note"])
