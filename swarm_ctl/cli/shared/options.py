@@ -119,7 +119,9 @@ Speedup = Annotated[float, option("FACTOR", _SPEEDUP, min=0.1, max=100.0)]
 Seed = Annotated[int, option("NUMBER", "Seed of all random numbers.", min=0)]
 _ZENOH_BYTES = 1_000_000
 _LOCK: Final = ".lock"
-"""In a folder that one command alone may write."""
+"""In a folder that one command alone may write, or at the end of the name of what it writes."""
+_NO_LINK: Final = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+_ELSE: Final = "allowed: another --out"
 _PROCESSES = "Processes to fly with.  [default: one per core]"
 Processes = Annotated[int | None, option("NUMBER", _PROCESSES, min=1)]
 
@@ -276,11 +278,33 @@ def require_writable(path: Path, choose: str) -> None:
 def alone_in(folder: Path) -> Iterator[None]:
     """Make the folder where it is not there, and let no other command do the same until the block
     ends, or this process dies, whatever kills it; StartError where another one is in it."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / _LOCK).open("ab") as file:
-        if not locked(file.fileno()) and sys.platform != "win32":
+    with _locked(folder / _LOCK, folder):
+        yield
+
+
+@contextlib.contextmanager
+def alone_at(path: Path) -> Iterator[None]:
+    """As `alone_in`, of a file or a folder that need not be there: the lock is beside it."""
+    with _locked(path.with_name(f".{path.name}{_LOCK}"), path):
+        yield
+
+
+@contextlib.contextmanager
+def _locked(lock: Path, what: Path) -> Iterator[None]:
+    lock.parent.mkdir(parents=True, exist_ok=True)
+    flags = (
+        os.O_WRONLY | os.O_CREAT | _NO_LINK
+    )  # a stranger's folder may have a link or a FIFO there
+    try:
+        descriptor = os.open(lock, flags, 0o666)
+    except OSError as error:
+        raise StartError(f"{lock}: can't be locked: {error.strerror}; {_ELSE}") from None
+    try:
+        if not locked(descriptor) and sys.platform != "win32":
             raise StartError(
-                f"{folder}: another swarm-ctl writes here now; allowed: another --out, or this"
-                " command again when that one has ended"
+                f"{what}: another swarm-ctl writes here now; {_ELSE}, or this command again when"
+                " that one has ended"
             )
         yield
+    finally:
+        os.close(descriptor)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
@@ -150,7 +151,7 @@ def _say(campaign: Campaign, console: PlainConsole) -> int:
         name = f"{invariant.name.lower()}-{campaign.seed}-{first.number}"
         path, test = write_found(campaign.folder, name, what.text, scenario_text(small))
         console.say(f"  {path}, and a test: {test}")
-        console.say(f"  again: swarm-ctl fuzz --replay {path}")
+        console.say(f"  again: swarm-ctl fuzz --replay {quote(str(path))}")
     if len(kinds) > _SHRUNK:
         console.say(f"and {len(kinds) - _SHRUNK} kinds more, in {campaign.folder}")
     return 1 if kinds else 0
@@ -174,5 +175,6 @@ def _replay(path: Path, out: Path, console: PlainConsole) -> int:
         console.say(f"{each.invariant}: {each.text}", style="red")
     console.say("no invariant broke" if not found else f"{len(found)} broke")
     if flown is not None:
-        console.say(f"watch it: swarm-ctl replay {folder}; its page: swarm-ctl report {folder}")
+        typed = quote(str(folder))
+        console.say(f"watch it: swarm-ctl replay {typed}; its page: swarm-ctl report {typed}")
     return 1 if found else 0

@@ -7,13 +7,21 @@ import re
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
 import typer
 from typer.main import get_command
 
 from swarm_ctl.cli.shared.console import PlainConsole
-from swarm_ctl.cli.shared.options import Processes, Seed, option, require_writable
+from swarm_ctl.cli.shared.options import (
+    Processes,
+    Seed,
+    alone_at,
+    alone_in,
+    option,
+    require_writable,
+)
 from swarm_ctl.errors import InputError
 from swarm_ctl.installed import require
 
@@ -249,7 +257,8 @@ def study(
         from swarm_ctl.study.curves import axis, draw_curves
 
         axis(plan, names or plan.varied, curves)
-    run_study(plan, out, processes, console, cluster)
+    with alone_at(out):
+        run_study(plan, out, processes, console, cluster)
     for each in tables(plan, read_rows(out), names, width=console.width):
         console.print(each)
     console.say(f"rows: {out}")
@@ -328,14 +337,15 @@ def _search(
     if out.exists():
         raise InputError(f"{out}: is there already; choose another --out")
     fly = partial(fly_studies, processes=processes, cluster=cluster)
-    found = worst(plan, Goal(goal), budget, fly, say=console.say)
-    plain = worst(plan, Goal(goal), budget, fly, narrow=False)
-    console.say(f"searched, {budget} missions: {Goal(goal).told(found.row)}")
-    console.say(f"plain random sampling, {budget} missions: {Goal(goal).told(plain.row)}")
-    deeper = max(found, plain, key=lambda find: find.badness)
-    run_study(deeper.study, out, processes, console, cluster)
+    with alone_at(out):
+        found = worst(plan, Goal(goal), budget, fly, say=console.say)
+        plain = worst(plan, Goal(goal), budget, fly, narrow=False)
+        console.say(f"searched, {budget} missions: {Goal(goal).told(found.row)}")
+        console.say(f"plain random sampling, {budget} missions: {Goal(goal).told(plain.row)}")
+        deeper = max(found, plain, key=lambda find: find.badness)
+        run_study(deeper.study, out, processes, console, cluster)
     row = int(deeper.row["row"])
-    console.say(f"the worse one again: swarm-ctl study --out {out} --row {row}")
+    console.say(f"the worse one again: swarm-ctl study --out {quote(str(out))} --row {row}")
     return row
 
 
@@ -354,7 +364,8 @@ def _league(
     if drawn.suffix not in KINDS:
         raise InputError(f"--picture {drawn}: of a league, allowed: {', '.join(KINDS)}")
     require_writable(drawn, "choose with --picture")
-    places = fly_league(plan, laws_of(laws), out, processes, console, cluster)
+    with alone_at(out):
+        places = fly_league(plan, laws_of(laws), out, processes, console, cluster)
     wide = console if console.is_terminal else PlainConsole(width=160)
     wide.print(table(places))
     drawn.parent.mkdir(parents=True, exist_ok=True)
@@ -383,7 +394,7 @@ def _rerun(
         console.say(f"picture: {picture}")
     if mission is not None:
         lost = write_mission(flown, mission, _form_begins_s)
-        console.say(f"mission: swarm-ctl run {mission}")
+        console.say(f"mission: swarm-ctl run {quote(str(mission))}")
         if lost:
             console.say(f"the row flew with what a file cannot carry: {'; '.join(lost)}")
 
@@ -425,4 +436,5 @@ def paper(
     require_writable(out, "choose with --out")
     console = PlainConsole()
     wide = console if console.is_terminal else PlainConsole(width=160)
-    reproduce(out, seeds, seed, processes, wide)
+    with alone_in(out):
+        reproduce(out, seeds, seed, processes, wide)

@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from swarm_ctl.cli.app import app
-from swarm_ctl.cli.shared.options import alone_in
+from swarm_ctl.cli.shared.options import alone_at, alone_in
 from swarm_ctl.errors import InputError, StartError
 from swarm_ctl.fuzz import campaign as campaigns
 from swarm_ctl.fuzz import shrink as shrinking
@@ -144,19 +144,38 @@ def test_a_full_disk_is_named_and_the_campaign_goes_on(tmp_path: Path) -> None:
     campaign.load()
 
 
-@pytest.mark.parametrize("command", ["fuzz --flights 1", "evidence --row mix"])
-def test_two_never_write_into_one_folder(command: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("command", "out"),
+    [
+        ("fuzz --flights 1", ""),
+        ("evidence --row mix", ""),
+        ("paper --seeds 1", ""),
+        ("study --n 2 --missions 1", "rows.csv"),
+    ],
+)
+def test_two_never_write_into_one_place(command: str, out: str, tmp_path: Path) -> None:
     """The second one would fly the same again, and mix the journals."""
-    with alone_in(tmp_path):
-        refused = CliRunner().invoke(app, [*command.split(), "--out", str(tmp_path)])
+    written, alone = tmp_path / out, alone_at if out else alone_in
+    with alone(written):
+        refused = CliRunner().invoke(app, [*command.split(), "--out", str(written)])
     assert isinstance(refused.exception, StartError)
     assert str(refused.exception) == (
-        f"{tmp_path}: another swarm-ctl writes here now; allowed: another --out, or this command"
+        f"{written}: another swarm-ctl writes here now; allowed: another --out, or this command"
         " again when that one has ended"
     )
-    assert [path.name for path in tmp_path.iterdir()] == [".lock"]
-    with alone_in(tmp_path):
+    assert [path.name for path in tmp_path.iterdir()] == [f".{out}.lock" if out else ".lock"]
+    with alone(written):
         pass
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("elsewhere")])
+def test_a_strangers_folder_has_no_lock_that_waits_or_leads_elsewhere(
+    make: Callable[[Path], None], tmp_path: Path
+) -> None:
+    make(tmp_path / ".lock")
+    with pytest.raises(StartError, match=r"\.lock: can't be locked: .*; allowed: another --out"):
+        alone_in(tmp_path).__enter__()
+    assert len(list(tmp_path.iterdir())) == 1
 
 
 def test_time_ends_a_campaign_within_a_hundred_flights(
@@ -323,7 +342,8 @@ def test_the_command_says_by_its_exit_code_what_it_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(campaigns, "_flight", fake())
-    options = ["--flights", "3", "--processes", "1", "--out", str(tmp_path)]
+    out = tmp_path / "a b"
+    options = ["--flights", "3", "--processes", "1", "--out", str(out)]
     good = CliRunner().invoke(app, ["fuzz", *options])
     assert good.exit_code == 0, good.output
     assert "3 flights" in good.output
@@ -334,7 +354,8 @@ def test_the_command_says_by_its_exit_code_what_it_found(
     bad = CliRunner().invoke(app, ["fuzz", *options[2:], "--flights", "6"])
     assert bad.exit_code == 1, bad.output
     assert "1 broke something" in bad.output
-    assert (tmp_path / "found" / "apart-1-4.yaml").exists()
+    assert (small := out / "found" / "apart-1-4.yaml").exists()
+    assert f"again: swarm-ctl fuzz --replay '{small}'" in "".join(bad.output.split("\n"))
     planted(monkeypatch, Invariant.APART, lambda _: False)
     mended = CliRunner().invoke(app, ["fuzz", *options[2:], "--flights", "6"])
     assert mended.exit_code == 1, mended.output
