@@ -41,7 +41,8 @@ class Answered:
         given, kind = self.command, self.command.kind
         flown = {state.override, state.gains_tag, state.next_gains_tag} - {0}
         if kind in _BACK:
-            return not state.override and state.agent in self.overridden
+            meant = kind != CommandKind.READMIT or state.agent in given.about
+            return meant and not state.override and state.agent in self.overridden
         if kind in ENDING:
             return state.left == kind or state.phase in _DOWN[kind]
         return not flown.isdisjoint((given.tag, given.commits))

@@ -106,6 +106,12 @@ _SIX = "land: acknowledged by agents 1-6"
         ("land", False, {"phase": Phase.LAND}, _SIX),
         ("hold", False, {"override": Command("c", "", (), 0.0).tag}, _SIX.replace("land", "hold")),
         ("resume", False, {"override": 0}, _SIX.replace("land", "resume")),
+        (
+            "readmit",
+            False,
+            {"override": 0},
+            _SIX.replace("land", "readmit")[:-1] + "5, no answer heard from agent 6",
+        ),
         ("land", False, {}, "land: acknowledged by agents 1-5, no answer heard from agent 6"),
     ],
 )
