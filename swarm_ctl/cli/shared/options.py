@@ -292,9 +292,8 @@ def alone_at(path: Path) -> Iterator[None]:
 @contextlib.contextmanager
 def _locked(lock: Path, what: Path) -> Iterator[None]:
     lock.parent.mkdir(parents=True, exist_ok=True)
-    flags = (
-        os.O_WRONLY | os.O_CREAT | _NO_LINK
-    )  # a stranger's folder may have a link or a FIFO there
+    # a stranger's folder may have a link or a FIFO there
+    flags = os.O_WRONLY | os.O_CREAT | _NO_LINK
     try:
         descriptor = os.open(lock, flags, 0o666)
     except OSError as error:
