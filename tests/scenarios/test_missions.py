@@ -13,6 +13,7 @@ import pytest
 from swarm_ctl.core.law import graph
 from swarm_ctl.mission.compile.forecast import forecast
 from swarm_ctl.mission.compile.loader import LoadedMission, dumps, load, loads
+from swarm_ctl.mission.input.units import metres
 from swarm_ctl.mission.mission_file import json_schema
 from swarm_ctl.virtual.virtual_swarm import VirtualSwarm
 from tests.on_demand import on_demand
@@ -74,14 +75,17 @@ def test_ready_mission(name: str) -> None:
 
 
 def scattered(mission: LoadedMission, seed: int) -> LoadedMission:
-    """The mission from random starts: pairwise r_out apart and connected."""
+    """The mission from random starts: pairwise r_out apart, as far from zones, and connected."""
     dice, law, count = random.Random(seed), mission.file.law, len(mission.file.agents)
+    zones, unit_m = mission.plan.zones, metres(mission.file)
+    walls = [(n / unit_m, e / unit_m) for zone in zones for n, e in zone.outline_m]
     side = law.r_out * 1.9 * math.sqrt(count)
     while True:
         points: list[tuple[float, float]] = []
         for _ in range(5000):
             point = (round(dice.uniform(0, side), 3), round(dice.uniform(0, side), 3))
-            if len(points) < count and all(math.dist(point, other) > law.r_out for other in points):
+            near = (math.dist(point, other) <= law.r_out for other in (*points, *walls))
+            if len(points) < count and not any(near):
                 points.append(point)
         parts = graph.components(graph.neighbours(dict(enumerate(points)), law.r))
         if len(points) == count and len(parts) == 1:
