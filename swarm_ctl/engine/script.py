@@ -202,8 +202,8 @@ class Holding:
 
 @dataclass(slots=True)
 class Excused:
-    """Who need not accept a scenario's order: nobody need, once all agents have ended by what was
-    last heard of each; and of an order to all, those that the scenario has expelled."""
+    """The agents that need not accept a scenario's order: all, once each has ended by what was last
+    heard of it; and of an order to all, those that the scenario has expelled."""
 
     _phases: dict[int, Phase] = field(default_factory=dict)
     _expelled: set[int] = field(default_factory=set)

@@ -225,7 +225,7 @@ class Accounts(RunRecorder):
         super().take(payload, received_s)
         if isinstance(payload, AgentState):
             if payload.seq < self._seq.get(payload.agent, 0) // 2:
-                # a new process, by a clock of its own
+                # a new process, by a clock of its own; a late state is not so far behind
                 self._behind_s.pop(payload.agent, None)
             self._seq[payload.agent] = payload.seq
         if isinstance(payload, AgentState | AgentStatus):

@@ -37,7 +37,7 @@ class ScriptedOperator:
 
     def turn(self, now: float, *, orders: bool = True) -> bool:
         """At the end of a tick of the station; whether the station is to be killed now. Without
-        `orders`, he only lands whoever holds."""
+        `orders`, the operator only lands the agents that hold."""
         states = self._station.states()
         self._excused.hear(states)
         if self._holding.lands(holds(states), now):

@@ -13,6 +13,7 @@ from swarm_ctl.core.model.messages import ENDING, Ack, AgentState, Command, Comm
 from swarm_ctl.station.picture.view import CommandView
 
 _KEPT: Final = 100
+"""So many commands, and answers to so many that have not come: forged ones fill no memory."""
 _BACK: Final = (CommandKind.RESUME, CommandKind.NEXT, CommandKind.READMIT)
 """By these an agent flies the mission again."""
 _DOWN: Final[Mapping[str, tuple[Phase, ...]]] = {
